@@ -10,6 +10,7 @@
 //! | [`filters`](fn@filters) | sightings, walls, powers, looks, points, circles -> filters of the source, bank, seeking, link state, walls, search | finite; every covariance symmetric and positive; probabilities, directions and targets in range |
 //! | [`lidar`](fn@lidar) | bytes, frames whole and broken -> a lidar's frames -> scans | no panic; every whole frame behind a whole one is found; rays in range |
 //! | [`pad`](fn@pad) | frames of any size, broken and in any order -> pad detector | no panic; finite; a bad frame is never a pad |
+//! | [`radio`](fn@radio) | bytes, IQ reports and lines of angles whole and broken -> measurements of direction finders | no panic; every whole report behind a whole one is found; fields in range |
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use std::sync::OnceLock;
@@ -28,11 +29,13 @@ mod filters;
 mod lidar;
 mod link;
 mod pad;
+mod radio;
 mod steer;
 pub use filters::filters;
 pub use lidar::lidar;
 pub use link::link;
 pub use pad::pad;
+pub use radio::radio;
 pub use steer::steer;
 
 /// What a case came to, so that a test can tell whether cases reach deep enough.

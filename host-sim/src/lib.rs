@@ -16,7 +16,7 @@
 //! | [`study`] | what many flights come to: the papers' experiments, campaigns | `record`, `drive`, `world`, `scenario` |
 //! | [`record`] | pictures, tables, reports of flights | `drive`, `world`, `scenario` |
 //! | [`drive`] | flight computers, and the loops that fly them | `autopilot`, `world`, `scenario` |
-//! | [`tools`] | bearings from recorded frames, calibration | `world`, `scenario` |
+//! | [`tools`] | bearings from recorded frames and from radios that run, calibration | `autopilot`, `world`, `scenario` |
 //! | [`autopilot`] | models of ArduPilot and PX4, the line to them | `world`, `scenario` |
 //! | [`world`] | what is physically there, and what sensors make of it | `scenario` |
 //! | [`scenario`] | what users write down: scenario files, parameters | |

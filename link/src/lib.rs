@@ -9,7 +9,7 @@
 //! ```
 //!
 //! [`companion`] is the entry for a flight computer. [`framer`] and [`dialect`] serve both ends of a link: the
-//! simulator plays the autopilot with them.
+//! simulator plays the autopilot with them. [`radio`] reads what direction finders send over a serial line.
 //!
 //! ## Size
 //!
@@ -50,6 +50,7 @@ pub mod companion;
 pub mod failsafe;
 pub mod framer;
 pub mod params;
+pub mod radio;
 pub mod signing;
 
 mod advice;

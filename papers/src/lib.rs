@@ -27,8 +27,11 @@
 //! - *Main paper*: S. M. Mulla, A. Kanakapudi, L. Narasimhan, A. Tiwari, "RF-source Seeking with Obstacle Avoidance using
 //!   Real-time Modified Artificial Potential Fields in Unknown Environments", [arXiv 2506.06811](https://arxiv.org/abs/2506.06811).
 //! - *Variants paper*: a comparison of potential fields on a quadrotor in four scenes with local minima.
-//! - *mmWave paper*: K. Pfeiffer et al., "Path Planning Under Uncertainty to Localize mmWave Sources".
-//! - *Rotating vehicle's paper*: RF source seeking with a single-wing rotating micro aerial vehicle.
+//! - *mmWave paper*: K. Pfeiffer, Y. Jia, M. Yin, A. K. Veldanda, Y. Hu, A. Trivedi, J. Zhang, S. Garg, E. Erkip, S. Rangan,
+//!   L. Righetti, "Path Planning Under Uncertainty to Localize mmWave Sources", [arXiv
+//!   2303.03739](https://arxiv.org/abs/2303.03739).
+//! - *Rotating vehicle's paper*: S. Venkateswaran, J. T. Isaacs, K. Fregene, R. Ratmansky, B. M. Sadler, J. P. Hespanha, U. Madhow,
+//!   "RF Source-Seeking by a Micro Aerial Vehicle using Rotation-Based Angle of Arrival Estimates", American Control Conference, 2013.
 //!
 //! Numbers of equations are those of the named paper.
 #![no_std]

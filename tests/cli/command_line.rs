@@ -131,7 +131,7 @@ fn quiet_leaves_results_and_errors_and_json_leaves_nothing_but_json() {
     let loud = run(&maps);
     assert!(String::from_utf8_lossy(&loud.stderr).contains("suite.json"));
     for quiet in ["--quiet", "-q"] {
-        let output = run(&[&maps[..], &[quiet]].concat());
+        let output = run(&[&maps[..], &[quiet, "--force"]].concat());
         assert!(output.status.success() && output.stderr.is_empty() && output.stdout == loud.stdout);
     }
     let suite = folder.path().join("suite.json").to_string_lossy().into_owned();

@@ -3,6 +3,8 @@
 //! Browsers and a Ray cluster start many processes: their tests take the machine one after the other.
 
 mod command_line;
+mod hands;
+mod interrupted;
 mod live;
 mod logs;
 mod maps_and_suites;

@@ -223,7 +223,7 @@ fn a_flight_of_a_suite_is_the_one_that_fly_flies() {
     }
     assert!(read_to_string(dir.path().join("flight-1-0-1.svg")).unwrap().contains("<svg"));
     // The whole suite flies it with the same seed.
-    fly(dir.path(), &two_maps(), &[&changes[..], &["--only", "1", "--out", &out]].concat());
+    fly(dir.path(), &two_maps(), &[&changes[..], &["--only", "1", "--out", &out, "--force"]].concat());
     let lines = read_to_string(dir.path().join("flights.jsonl")).unwrap();
     assert_eq!(serde_json::from_str::<Value>(lines.lines().nth(1).unwrap()).unwrap(), flight);
 }

@@ -8,5 +8,6 @@ mod multipath;
 mod navigation;
 mod pad;
 mod people;
+mod radios;
 mod scenarios;
 mod turning;

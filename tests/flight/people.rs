@@ -29,6 +29,10 @@ const TOLD_2: &str = r#"{"sensor":{"fov_deg":360,"range_m":5},"limits":{"v_max":
 const SCAN_360: &str = r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5}}"#;
 const RAYS_360: &str = r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5,"rays":360}}"#;
 const SCAN_90: &str = r#"{"sensor":{"model":"scan"}}"#;
+const SCAN_360_FAST: &str = r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5},"limits":{"v_evade":2}}"#;
+const RAYS_360_FAST: &str =
+    r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5,"rays":360},"limits":{"v_evade":2}}"#;
+const SCAN_90_FAST: &str = r#"{"sensor":{"model":"scan"},"limits":{"v_evade":2}}"#;
 const TOLD_90: &str = "{}";
 
 /// What the flights of one setting came to.
@@ -131,11 +135,16 @@ fn recorded_people_who_do_not_step_aside_are_evaded() {
             ("scan of 360 rays all round", RAYS_360, "point", 7, 218),
             ("scan of 90 deg, 3 m", SCAN_90, "point", 58, 167),
             ("told in 90 deg, 3 m", TOLD_90, "point", 43, 182),
+            ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "point", 6, 219),
+            ("scan of 360 rays all round, evading at 2 m/s", RAYS_360_FAST, "point", 6, 219),
+            ("scan of 90 deg, 3 m, evading at 2 m/s", SCAN_90_FAST, "point", 54, 171),
             ("told all round, 1 m/s", TOLD_1, "arducopter", 2, 223),
             ("told all round, 2 m/s", TOLD_2, "arducopter", 8, 217),
             ("scan of 72 sectors all round", SCAN_360, "arducopter", 29, 196),
             ("scan of 360 rays all round", RAYS_360, "arducopter", 18, 207),
             ("scan of 90 deg, 3 m", SCAN_90, "arducopter", 94, 131),
+            ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "arducopter", 24, 201),
+            ("scan of 360 rays all round, evading at 2 m/s", RAYS_360_FAST, "arducopter", 17, 208),
         ],
     );
 }

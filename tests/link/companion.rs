@@ -52,14 +52,15 @@ impl Told {
 }
 
 #[derive(Clone, Debug, Default)]
-struct Heard {
+pub(crate) struct Heard {
     setpoints: Vec<Told>,
     heartbeats: u32,
     /// Commands that were sent to the autopilot.
     commands: Vec<u16>,
     /// Where the vehicle is, and how fast.
-    position_ned_m: [f64; 3],
-    speed_mps: f64,
+    pub(crate) position_ned_m: [f64; 3],
+    pub(crate) speed_mps: f64,
+    pub(crate) yaw_rad: f64,
     min_clearance_m: f64,
 }
 
@@ -70,9 +71,9 @@ impl Heard {
 }
 
 /// An autopilot and its vehicle, in a thread.
-struct Bench {
+pub(crate) struct Bench {
     /// For `--autopilot`.
-    address: String,
+    pub(crate) address: String,
     heard: Arc<Mutex<Heard>>,
     custom_mode: Arc<Mutex<u32>>,
     stop: Arc<AtomicBool>,
@@ -80,7 +81,7 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(listen: &str) -> Self {
+    pub(crate) fn new(listen: &str) -> Self {
         Self::at(listen, [0.0, 0.0, -5.0], GUIDED)
     }
 
@@ -117,6 +118,7 @@ impl Bench {
                 }
                 let velocity = vehicle.motion.velocity_ned_mps;
                 heard.position_ned_m = vehicle.motion.pose.position_ned_m;
+                heard.yaw_rad = vehicle.motion.pose.yaw_rad;
                 heard.speed_mps = velocity[0].hypot(velocity[1]);
                 drop(heard);
                 autopilot.telemetry(now_us, &vehicle.motion, false);
@@ -129,7 +131,12 @@ impl Bench {
         Self { address, heard, custom_mode, stop, thread: Some(thread) }
     }
 
-    fn heard(&self) -> Heard {
+    /// What it has heard and where it is, for a thread beside.
+    pub(crate) fn shared(&self) -> Arc<Mutex<Heard>> {
+        Arc::clone(&self.heard)
+    }
+
+    pub(crate) fn heard(&self) -> Heard {
         self.heard.lock().unwrap().clone()
     }
 
@@ -138,7 +145,7 @@ impl Bench {
     }
 
     /// Waits until it is so, for half a minute at most.
-    fn wait(&self, what: &str, is_so: impl Fn(&Heard) -> bool) -> Heard {
+    pub(crate) fn wait(&self, what: &str, is_so: impl Fn(&Heard) -> bool) -> Heard {
         let begin = Instant::now();
         loop {
             let heard = self.heard();
@@ -190,7 +197,7 @@ fn pillars(dir: &Path) -> String {
     path.to_string_lossy().into_owned()
 }
 
-fn start(address: &str, extra: &[&str]) -> Child {
+pub(crate) fn start(address: &str, extra: &[&str]) -> Child {
     let mut command = foxhound();
     command.args(["companion", "--autopilot", address, "--json", "--v-max", "2"]).args(extra);
     if !extra.iter().any(|word| word.starts_with("--source")) {
@@ -199,14 +206,14 @@ fn start(address: &str, extra: &[&str]) -> Child {
     command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
-fn ended(child: Child) -> (i32, Value) {
+pub(crate) fn ended(child: Child) -> (i32, Value) {
     let Output { status, stdout, stderr } = child.wait_with_output().unwrap();
     let report =
         serde_json::from_slice(&stdout).unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(&stderr)));
     (status.code().unwrap(), report)
 }
 
-fn interrupt(child: &Child) {
+pub(crate) fn interrupt(child: &Child) {
     let killed = Command::new("sh").arg("-c").arg(format!("kill -INT {}", child.id())).status().unwrap();
     assert!(killed.success());
 }

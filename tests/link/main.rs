@@ -7,5 +7,6 @@ mod companion;
 mod live_attacked;
 mod mavlink_peers;
 mod mavsdk_mavproxy;
+mod radio;
 mod signed_flight;
 mod signing;

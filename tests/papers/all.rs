@@ -126,6 +126,29 @@ fn the_page_has_the_published_numbers_beside_ours_and_asks_nobody_for_anything()
         let is_it = |line: &&Value| line["experiment"] == experiment && line["published"] == published;
         assert!(beside.iter().any(|line| is_it(&line)), "{experiment}: {published}");
     }
+    // Every figure and table of the papers has a verdict and a sentence that says why; every paper is cited.
+    let judgements = report["judgements"].as_array().unwrap();
+    let manual = std::fs::read_to_string(foxhound_tests::root().join("docs/papers.md")).unwrap();
+    for (paper, figures) in [
+        ("main paper", &["Table I", "fig. 8", "fig. 9", "fig. 10"][..]),
+        ("variants paper", &["Table I", "fig. 2", "fig. 3", "fig. 4", "fig. 5"]),
+        ("mmWave paper", &["Table 2", "Table 3", "fig. 2", "fig. 3", "fig. 4", "fig. 5", "fig. 6"]),
+        ("rotating vehicle's paper", &["fig. 3", "fig. 4"]),
+    ] {
+        for figure in figures {
+            let name = format!("{paper}, {figure}");
+            let found: Vec<&Value> = judgements.iter().filter(|one| one["figure"] == *name).collect();
+            assert_eq!(found.len(), 1, "{name}");
+            let (verdict, why) = (found[0]["verdict"].as_str().unwrap(), found[0]["why"].as_str().unwrap());
+            assert!(["reproduced", "better", "not_reproduced"].contains(&verdict), "{name}: {verdict}");
+            assert!(why.ends_with('.') && why.len() > 40, "{name}: {why}");
+            assert!(page.contains(&why.replace('&', "&amp;").replace('"', "&quot;")), "{name}: {why}");
+            assert!(manual.contains(&format!("| {name} | ")), "docs/papers.md has no verdict on {name}");
+        }
+    }
+    for cited in ["arXiv:2506.06811", "arXiv:2303.03739", "American Control Conference, 2013"] {
+        assert!(page.contains(cited) && manual.contains(cited), "{cited}");
+    }
     let figures = page.matches("<img ").count();
     let files = report["experiments"].as_array().unwrap().iter().flat_map(|one| one["files"].as_array().unwrap());
     assert_eq!(figures, files.filter(|file| file.as_str().unwrap().ends_with(".svg")).count());

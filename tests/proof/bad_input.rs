@@ -261,8 +261,8 @@ fn every_strange_scenario_is_refused_by_field_value_and_range_or_flown_to_a_name
         (r#"{"goal": [10000, 10000], "max_time_s": 8}"#.into(), Ends("timeout", "nominal")),
         (r#"{"goal_velocity": [20, 0], "max_time_s": 8}"#.into(), Ends("timeout", "nominal")),
         (r#"{"obstacles": [{"x":9,"y":9,"r":1}]}"#.into(), Ends("hold", "goal_unreachable")),
-        (r#"{"obstacles": [{"x":1,"y":1,"r":0.5}]}"#.into(), Ends("reached", "")),
-        (r#"{"obstacles": [{"x":1,"y":1,"r":900}], "max_time_s": 8}"#.into(), Ends("timeout", "")),
+        (r#"{"obstacles": [{"x":1,"y":1,"r":0.5}]}"#.into(), Refused(&["start = [1, 1] is inside obstacles[0]"])),
+        (r#"{"obstacles": [{"x":1,"y":1,"r":900}]}"#.into(), Refused(&["start = [1, 1] is inside obstacles[0]"])),
         (r#"{"limits": {"v_max": 20, "a_max": 20}}"#.into(), Ends("reached", "")),
         (r#"{"limits": {"v_max": 0.05, "a_max": 0.1}, "max_time_s": 8}"#.into(), Ends("timeout", "nominal")),
         (r#"{"drone_radius": 5, "max_time_s": 8}"#.into(), Ends("timeout", "nominal")),
@@ -341,7 +341,7 @@ fn every_strange_suite_is_refused_by_field_value_and_range_or_flown_to_a_named_e
         (suite_of("", "[5,5,5,5,0]"), Ends("reached", "")),
         (suite_of("", "[1,1,12,12,0]"), Ends("reached", "")),
         (suite_of(&many(10_000, same), pair), Ends("reached", "")),
-        (suite_of("[1,1,0.5]", pair), Ends("reached", "")),
+        (suite_of("[1,1,0.5]", pair), Refused(&["maps[0].pairs[0]", "is inside obstacles[0]"])),
         (suite_of("[9,9,1]", pair), Ends("hold: goal_unreachable", "")),
     ];
     let mut cases: Vec<_> = texts.into_iter().map(|(text, expected)| (text.into_bytes(), expected)).collect();

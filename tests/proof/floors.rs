@@ -54,7 +54,7 @@ const SIMULATOR: Layout = Layout {
         ("scenario", &[]),
         ("world", &["scenario"]),
         ("autopilot", &["scenario", "world"]),
-        ("tools", &["scenario", "world"]),
+        ("tools", &["scenario", "world", "autopilot"]),
         ("drive", &["scenario", "world", "autopilot"]),
         ("record", &["scenario", "world", "drive"]),
         ("study", &["scenario", "world", "drive", "record"]),

@@ -3,7 +3,7 @@
 #[path = "../../fuzz/src/lib.rs"]
 pub mod properties;
 
-use properties::{Reached, filters, frames, lidar, link, looks, pad, steer};
+use properties::{Reached, filters, frames, lidar, link, looks, pad, radio, steer};
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -84,6 +84,16 @@ fn any_bytes_of_a_lidar_leave_it_sane_and_whole_frames_are_found() {
     let (configured, sum) = run(lidar, 4000, 4000);
     assert!(
         configured > 1000 && sum.answers > 50_000 && sum.usable > 500,
+        "too shallow: {configured} configured, {sum:?}"
+    );
+}
+
+/// Any bytes of a direction finder leave its readers sane, and its whole reports are found.
+#[test]
+fn any_bytes_of_a_direction_finder_leave_it_sane_and_whole_reports_are_found() {
+    let (configured, sum) = run(radio, 4000, 4000);
+    assert!(
+        configured > 1000 && sum.answers > 10_000 && sum.usable > 1000 && sum.settled > 5000,
         "too shallow: {configured} configured, {sum:?}"
     );
 }

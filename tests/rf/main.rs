@@ -5,6 +5,8 @@ mod bearing_command;
 mod calibration;
 mod direction_finding;
 mod link_state;
+mod modulations;
 mod other_radios;
+mod radio_files;
 mod reflections;
 mod waves;

@@ -14,7 +14,7 @@ use serde_json::Value;
 use crate::waves::{Random, degrees_between, quantile, rms};
 
 /// A file as NumPy writes it.
-fn npy(path: &Path, descr: &str, shape: &[usize], bytes: &[u8]) {
+pub(crate) fn npy(path: &Path, descr: &str, shape: &[usize], bytes: &[u8]) {
     let shape: String = shape.iter().map(|n| format!("{n},")).collect();
     let mut header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({shape}), }}");
     header.push_str(&" ".repeat(63 - (10 + header.len()) % 64));
@@ -26,28 +26,28 @@ fn npy(path: &Path, descr: &str, shape: &[usize], bytes: &[u8]) {
     std::fs::write(path, file).unwrap();
 }
 
-fn complex64(path: &Path, shape: &[usize], values: &[[f64; 2]]) {
+pub(crate) fn complex64(path: &Path, shape: &[usize], values: &[[f64; 2]]) {
     let parts = values.iter().flatten().map(|part| *part as f32);
     npy(path, "<c8", shape, &parts.flat_map(f32::to_le_bytes).collect::<Vec<_>>());
 }
 
-struct Files(tempfile::TempDir);
+pub(crate) struct Files(tempfile::TempDir);
 
 impl Files {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self(tempfile::tempdir().unwrap())
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
     }
 
-    fn text(&self, name: &str, text: &str) -> PathBuf {
+    pub(crate) fn text(&self, name: &str, text: &str) -> PathBuf {
         std::fs::write(self.path(name), text).unwrap();
         self.path(name)
     }
 
-    fn bearing(&self, source: &str, file: &str, array: &str, more: &[&str]) -> std::process::Output {
+    pub(crate) fn bearing(&self, source: &str, file: &str, array: &str, more: &[&str]) -> std::process::Output {
         let array = self.text("array.toml", array);
         let file = self.path(file);
         let mut all = vec!["bearing", source, file.to_str().unwrap(), "--array", array.to_str().unwrap(), "--json"];
@@ -55,34 +55,34 @@ impl Files {
         run(&all)
     }
 
-    fn lines(&self, source: &str, file: &str, array: &str, more: &[&str]) -> Vec<Value> {
+    pub(crate) fn lines(&self, source: &str, file: &str, array: &str, more: &[&str]) -> Vec<Value> {
         let output = self.bearing(source, file, array, more);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         String::from_utf8(output.stdout).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
     }
 
     /// What is said of an input that is refused.
-    fn refused(&self, source: &str, file: &str, array: &str, more: &[&str]) -> String {
+    pub(crate) fn refused(&self, source: &str, file: &str, array: &str, more: &[&str]) -> String {
         let output = self.bearing(source, file, array, more);
         assert_eq!(output.status.code(), Some(2), "{array} is taken");
         String::from_utf8(output.stderr).unwrap()
     }
 }
 
-fn has(line: &Value, flag: &str) -> bool {
+pub(crate) fn has(line: &Value, flag: &str) -> bool {
     line["flags"].as_array().unwrap().iter().any(|name| name == flag)
 }
 
-fn number(line: &Value, key: &str) -> f64 {
+pub(crate) fn number(line: &Value, key: &str) -> f64 {
     line[key].as_f64().unwrap()
 }
 
-fn ring(antennas: usize, radius_m: f64) -> Vec<[f64; 2]> {
+pub(crate) fn ring(antennas: usize, radius_m: f64) -> Vec<[f64; 2]> {
     let angle = |k: usize| k as f64 * TAU / antennas as f64;
     (0..antennas).map(|k| [radius_m * angle(k).cos(), radius_m * angle(k).sin()]).collect()
 }
 
-fn line(antennas: usize, apart_m: f64) -> Vec<[f64; 2]> {
+pub(crate) fn line(antennas: usize, apart_m: f64) -> Vec<[f64; 2]> {
     (0..antennas).map(|k| [0.0, apart_m * (k as f64 - 0.5 * (antennas as f64 - 1.0))]).collect()
 }
 
@@ -140,12 +140,12 @@ impl Switched {
     }
 }
 
-fn all_round(count: usize) -> Vec<f64> {
+pub(crate) fn all_round(count: usize) -> Vec<f64> {
     (0..count).map(|k| k as f64 * 2.4 - PI).collect()
 }
 
 /// Errors of the valid lines, in degrees; on a line of antennas, of the nearer of the answer and its mirror.
-fn errors(lines: &[Value], azimuths: &[f64]) -> Vec<f64> {
+pub(crate) fn errors(lines: &[Value], azimuths: &[f64]) -> Vec<f64> {
     let valid = lines.iter().filter(|line| line["valid"] == true);
     valid
         .map(|line| {

@@ -4,5 +4,6 @@ mod faults;
 mod g474;
 mod image;
 mod landing;
+mod orphan;
 mod port;
 mod store;

@@ -8,6 +8,7 @@ mod board;
 mod build;
 mod fresh;
 mod g474;
+mod left;
 mod panics;
 mod parity;
 mod size;
@@ -245,7 +246,14 @@ fn firmware(board: &str, json: bool) -> Result<(), Failure> {
 
 /// QEMU with an image: `-icount shift=8` makes an instruction last 256 ns of the machine's time.
 fn qemu(image: &Image) -> Command {
-    let mut qemu = Command::new("qemu-system-arm");
+    // It ends with us, whatever ends us; where there is no `setpriv`, the image ends it.
+    let mut qemu = Command::new("setpriv");
+    if qemu.arg("--version").output().is_ok_and(|output| output.status.success()) {
+        qemu = Command::new("setpriv");
+        qemu.args(["--pdeathsig", "KILL", "qemu-system-arm"]);
+    } else {
+        qemu = Command::new("qemu-system-arm");
+    }
     qemu.args(["-M", "mps2-an386", "-display", "none", "-monitor", "none", "-icount", "shift=8"])
         .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
         .arg(&image.elf);

@@ -118,7 +118,8 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
         stages.run(name, || attend(&mut test))?;
     }
 
-    stages.run("instructions, counted in QEMU", || crate::bench::run(false))
+    stages.run("instructions, counted in QEMU", || crate::bench::run(false))?;
+    stages.run("no process or folder is left behind", crate::left::check)
 }
 
 /// The stages that have ended, how long each took, and what could not be checked.

@@ -1,5 +1,6 @@
 //! The state of our own vehicle, as the autopilot reports it.
 
+use crate::base::math::sqrt;
 use crate::base::ned::{Horizontal, Ned};
 use crate::base::time::Instant;
 use crate::base::units::{sin_cos, wrap_pi};
@@ -149,6 +150,13 @@ impl Ownship {
         let (sin_yaw, cos_yaw) = sin_cos(self.yaw_rad);
         let Ned { north, east, down } = vector_ned;
         self.leant(cos_yaw * north + sin_yaw * east, cos_yaw * east - sin_yaw * north, down)
+    }
+
+    /// Sine of the angle by which it leans over, to whatever side.
+    #[must_use]
+    pub fn tilt_sine(&self) -> f32 {
+        let [forward, right, _] = self.vector_to_body(Ned { north: 0.0, east: 0.0, down: 1.0 });
+        sqrt(forward * forward + right * right)
     }
 
     /// From the level axes ahead, right and down to the body's own axes: the inverse rotations by pitch and roll.

@@ -134,6 +134,14 @@ pub struct Group {
     snr_db: f32,
 }
 
+impl Group {
+    /// Covariance of the antennas over the packets that were clean.
+    #[must_use]
+    pub fn covariance(&self) -> &Covariance {
+        &self.covariance
+    }
+}
+
 /// The offset of a packet, and whether no other is nearly as likely.
 struct Followed {
     offset_rad: f32,
@@ -151,8 +159,18 @@ pub struct Estimator {
 impl Estimator {
     /// Takes a packet into the memory of its transmitter, and into the group that makes a bearing.
     pub fn take(&self, emitter: &mut Emitter, group: &mut Group, samples: &[Complex]) {
+        self.take_with(emitter, group, &[], samples);
+    }
+
+    /// Counts a packet that holds nothing to be used.
+    pub fn miss(&self, group: &mut Group) {
         group.packets += 1;
-        let packet = self.reader.read(samples);
+    }
+
+    /// Takes a packet with its reference period, see [`Reader::read`].
+    pub fn take_with(&self, emitter: &mut Emitter, group: &mut Group, reference: &[Complex], samples: &[Complex]) {
+        group.packets += 1;
+        let packet = self.reader.read(reference, samples);
         if packet.outcome != Outcome::Tone {
             group.damaged += usize::from(packet.outcome == Outcome::Damaged);
             return;

@@ -155,7 +155,12 @@ impl Config {
             vehicle_model,
             wind: self.wind.build(&vehicle_model, self.tick_s)?,
             track: self.track.build()?,
-            evade: self.evade.build(&vehicle_model, self.guard.v_max_mps, self.guard.a_max_mps2)?,
+            evade: self.evade.build(
+                &vehicle_model,
+                self.guard.v_max_mps,
+                self.guard.evade_max_mps,
+                self.guard.a_max_mps2,
+            )?,
             guard: self.guard.build()?,
             mission: self.mission.build()?,
             turning: match &self.turning {

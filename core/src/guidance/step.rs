@@ -107,6 +107,7 @@ impl<const N: usize> Guidance<N> {
             state.trace.float(bearing.sigma_rad);
             state.trace.word(u32::from(bearing.flags.0) | u32::from(bearing.valid) << 16);
         }
+        let is_overhead = bearing.is_some_and(|bearing| is_overhead(state.ownship.as_ref(), &bearing));
         let velocity = setpoint.velocity_ned_mps;
         for value in [velocity.north, velocity.east, velocity.down, setpoint.yaw_rate_radps] {
             state.trace.float(value);
@@ -116,8 +117,8 @@ impl<const N: usize> Guidance<N> {
             outcome,
             stale,
             setpoint,
-            bearing,
-            bearing_ned_rad,
+            bearing: bearing.map(|bearing| if is_overhead { unusable(bearing) } else { bearing }),
+            bearing_ned_rad: bearing_ned_rad.filter(|_| !is_overhead),
             source_bearing_ned_rad: state.goal.source_bearing_ned_rad(),
             target_ned_m: state.active.as_ref().map(|plan| plan.target_ned_m),
             source: state.active.as_ref().and_then(|plan| plan.source),
@@ -231,4 +232,19 @@ fn progress<const N: usize>(state: &State<N>, demand: Option<Demand>, action: gu
         Progress::RanOut | Progress::NoPath | Progress::GuardBraked if state.is_plan_late => Progress::Late,
         progress => progress,
     }
+}
+
+/// So many times the tilt a wave's horizontal part must be for its azimuth to be told to others.
+const TILTS: f32 = 3.0;
+
+/// Whether a wave comes from so nearly above or below that the vehicle's tilt decides on which side it is heard: whether it
+/// comes from above or from below the array cannot tell, so that this cannot be taken out. Guidance averages over it, and the
+/// landing takes its elevation; for anybody else it is no bearing.
+fn is_overhead(ownship: Option<&Ownship>, bearing: &Bearing) -> bool {
+    let wavenumber = bearing.quality.wavenumber;
+    ownship.is_some_and(|ownship| wavenumber > 0.0 && wavenumber < TILTS * ownship.tilt_sine())
+}
+
+fn unusable(bearing: Bearing) -> Bearing {
+    Bearing { valid: false, flags: bearing.flags.with(Flags::AMBIGUOUS), ..bearing }
 }

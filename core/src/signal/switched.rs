@@ -41,6 +41,8 @@ const ROUNDS: usize = 4;
 /// With random steps from sample to sample, the resultant squared times their number exceeds this once in 8 000
 /// packets.
 const STEP_POWER: f32 = 9.0;
+/// The same of the seven steps of a reference period, once in 150 packets. The visits' agreement sorts out the rest.
+const REFERENCE_POWER: f32 = 5.0;
 /// And a tone has at least this resultant.
 const STEP_RESULTANT: f32 = 0.35;
 /// A packet whose visits agree less than this has no clean tone.
@@ -246,18 +248,22 @@ impl Reader {
         self.tone_hz + offset_rad / (TAU * self.slot_s)
     }
 
-    /// Reads the samples of a packet, slot after slot.
+    /// Reads the samples of a packet, slot after slot, and those of the reference period before it, if there are any: of one
+    /// antenna, at the rate of the samples. They tell the tone's frequency where slots have one sample.
     #[must_use]
-    pub fn read(&self, packet: &[Complex]) -> Packet {
-        let finite = packet.iter().all(|x| x.re.is_finite() && x.im.is_finite() && x.norm_squared() < 1e30);
+    pub fn read(&self, reference: &[Complex], packet: &[Complex]) -> Packet {
+        let is_number = |x: &Complex| x.re.is_finite() && x.im.is_finite() && x.norm_squared() < 1e30;
+        let finite = packet.iter().chain(reference).all(is_number);
         if !finite || packet.len() != self.slots * self.samples {
             return Packet::without(Outcome::Damaged);
         }
-        let steps = self.steps(packet);
-        let step_rad = (self.samples > 1).then(|| steps.sum.arg());
+        let has_reference = reference.len() > 1;
+        let steps = if has_reference { self.reference_steps(reference) } else { self.steps(packet) };
+        let step_rad = (has_reference || self.samples > 1).then(|| steps.sum.arg());
         if step_rad.is_some() {
+            let power = if has_reference { REFERENCE_POWER } else { STEP_POWER };
             let is_tone = steps.resultant > STEP_RESULTANT
-                && steps.resultant * steps.resultant * steps.count > STEP_POWER
+                && steps.resultant * steps.resultant * steps.count > power
                 && libm::fabsf(steps.sum.arg()) * self.slot_samples < PI;
             if !is_tone {
                 return Packet::without(Outcome::NoTone);
@@ -280,6 +286,17 @@ impl Reader {
                 let step = sample.times_conj(*before);
                 (sum, most, count) = (sum.plus(step), most + sqrt(step.norm_squared()), count + 1.0);
             }
+        }
+        let resultant = if most > 0.0 { sqrt(sum.norm_squared()) / most } else { 0.0 };
+        Steps { sum: sum.times(Complex::at(-self.sample_turn_rad)), resultant, count }
+    }
+
+    /// The steps of the reference period.
+    fn reference_steps(&self, reference: &[Complex]) -> Steps {
+        let (mut sum, mut most, mut count) = (Complex::default(), 0.0, 0.0);
+        for (before, sample) in reference.iter().zip(reference.iter().skip(1)) {
+            let step = sample.times_conj(*before);
+            (sum, most, count) = (sum.plus(step), most + sqrt(step.norm_squared()), count + 1.0);
         }
         let resultant = if most > 0.0 { sqrt(sum.norm_squared()) / most } else { 0.0 };
         Steps { sum: sum.times(Complex::at(-self.sample_turn_rad)), resultant, count }
@@ -457,7 +474,7 @@ mod tests {
             let config = config(pattern);
             let reader = config.build(37, 3).unwrap();
             for offset_hz in [0.0, 9_000.0, -41_000.0, 80_000.0] {
-                let read = reader.read(&packet(&config, &phases, offset_hz, 0.03, &mut rng));
+                let read = reader.read(&[], &packet(&config, &phases, offset_hz, 0.03, &mut rng));
                 assert_eq!(read.outcome, Outcome::Tone);
                 // The offset is known but for the cell.
                 let offset_rad = TAU * offset_hz * config.slot_s;
@@ -480,13 +497,13 @@ mod tests {
         let mut rng = Rng::new(2, 0);
         for _ in 0..500 {
             let noise: Vec<Complex> = (0..111).map(|_| Complex { re: rng.gaussian(), im: rng.gaussian() }).collect();
-            assert_eq!(reader.read(&noise).outcome, Outcome::NoTone);
+            assert_eq!(reader.read(&[], &noise).outcome, Outcome::NoTone);
         }
-        assert_eq!(reader.read(&[Complex::default(); 111]).outcome, Outcome::NoTone);
+        assert_eq!(reader.read(&[], &[Complex::default(); 111]).outcome, Outcome::NoTone);
         let mut good = packet(&config, &[0.0; 4], 0.0, 0.0, &mut rng);
-        assert_eq!(reader.read(&good[1..]).outcome, Outcome::Damaged);
+        assert_eq!(reader.read(&[], &good[1..]).outcome, Outcome::Damaged);
         good[50].im = f32::NAN;
-        assert_eq!(reader.read(&good).outcome, Outcome::Damaged);
+        assert_eq!(reader.read(&[], &good).outcome, Outcome::Damaged);
     }
 
     #[test]
@@ -501,7 +518,7 @@ mod tests {
         for sample in samples.chunks_exact_mut(3).skip(2).step_by(4).flatten() {
             *sample = sample.scaled(0.01);
         }
-        let read = reader.read(&samples);
+        let read = reader.read(&[], &samples);
         assert_eq!((read.outcome, read.z[2]), (Outcome::Tone, Complex::default()));
         assert!(libm::fabsf(read.z[1].times_conj(read.z[0]).arg() - 1.0) < 0.03, "{:?}", read.z);
     }

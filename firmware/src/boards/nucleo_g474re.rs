@@ -114,7 +114,7 @@ fn start() -> Parts<Machine> {
     let restart = Restart { cause: cause(), record: crash_record::take() };
     // Before any wait.
     DBGMCU.apb1lfzr().modify(|w| w.set_iwdg(true));
-    // Nothing else takes it from embassy's peripherals.
+    // SAFETY: nothing else takes it from embassy's peripherals.
     let mut watchdog =
         IndependentWatchdog::new(unsafe { peripherals::IWDG::steal() }, <Watchdog as board::Watchdog>::PERIOD_US);
     watchdog.unleash();

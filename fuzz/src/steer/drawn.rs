@@ -85,6 +85,7 @@ pub(super) fn guard_config(draw: &mut Draw<'_>) -> guard::Config {
     };
     guard::Config {
         v_max_mps: draw.field(usual.v_max_mps, 0.05, 20.0),
+        evade_max_mps: draw.field(usual.evade_max_mps, 0.0, 20.0),
         v_down_max_mps: draw.field(usual.v_down_max_mps, 0.0, 5.0),
         a_max_mps2: draw.field(usual.a_max_mps2, 0.1, 20.0),
         jerk_max_mps3: draw.field(usual.jerk_max_mps3, 1.0, 1000.0),

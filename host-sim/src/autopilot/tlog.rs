@@ -4,19 +4,22 @@
 //! may begin with those, and a ground station writes everything that it receives.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{self, BufWriter, Write as _};
 use std::path::Path;
 
 use foxhound_link::framer::{Framer, MavlinkVersion};
 use foxhound_link::signing::is_secret;
 use serde::Serialize;
 
+use crate::scenario::input::InputError;
+use crate::scenario::output::Output;
+
 /// Writes a log.
 #[derive(Debug)]
 pub struct Writer {
-    file: BufWriter<File>,
+    file: Output,
     framers: [Framer; 2],
+    /// The first thing that went wrong; nothing is written after it.
+    failed: Option<InputError>,
 }
 
 /// Direction of the bytes.
@@ -33,15 +36,18 @@ impl Writer {
     ///
     /// # Errors
     /// The file cannot be created.
-    pub fn create(path: &Path) -> io::Result<Self> {
-        Ok(Self { file: BufWriter::new(File::create(path)?), framers: [Framer::new(), Framer::new()] })
+    pub fn create(path: &Path) -> Result<Self, InputError> {
+        Ok(Self { file: Output::create(path)?, framers: [Framer::new(), Framer::new()], failed: None })
     }
 
     /// Takes bytes of one direction; whole frames are written as they complete, except those that carry a key.
     ///
     /// # Errors
-    /// The file cannot be written.
-    pub fn bytes(&mut self, time_us: u64, direction: Direction, mut bytes: &[u8]) -> io::Result<()> {
+    /// The file cannot be written; [`finish`](Self::finish) says so once more.
+    pub fn bytes(&mut self, time_us: u64, direction: Direction, mut bytes: &[u8]) -> Result<(), InputError> {
+        if let Some(error) = &self.failed {
+            return Err(error.clone());
+        }
         let framer = &mut self.framers[direction as usize];
         while !bytes.is_empty() {
             bytes = &bytes[framer.push(bytes)..];
@@ -49,8 +55,11 @@ impl Writer {
                 if is_secret(frame.message_id) {
                     continue;
                 }
-                self.file.write_all(&time_us.to_be_bytes())?;
-                self.file.write_all(frame.bytes)?;
+                let put = self.file.put(&time_us.to_be_bytes()).and_then(|()| self.file.put(frame.bytes));
+                if let Err(error) = put {
+                    self.failed = Some(error.clone());
+                    return Err(error);
+                }
             }
         }
         Ok(())
@@ -60,8 +69,9 @@ impl Writer {
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn finish(mut self) -> io::Result<()> {
-        self.file.flush()
+    pub fn finish(self) -> Result<(), InputError> {
+        self.failed.map_or(Ok(()), Err)?;
+        self.file.finish()
     }
 }
 
@@ -79,11 +89,25 @@ pub struct Summary {
     pub mavlink_1: u64,
     /// Frames per message id.
     pub counts: BTreeMap<u32, u64>,
+    /// Names of these ids, where they have one.
+    pub names: BTreeMap<u32, &'static str>,
 }
 
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde calls it so")]
 const fn is_zero(count: &u64) -> bool {
     *count == 0
+}
+
+/// Number and name of every message of MAVLink's ArduPilot dialect, as of pymavlink 2.4.50.
+const NAMES: &str = include_str!("messages.txt");
+
+/// The name of a message; none where the dialect has no message of that number.
+#[must_use]
+pub fn name(message_id: u32) -> Option<&'static str> {
+    NAMES.lines().find_map(|line| {
+        let (id, name) = line.split_once(' ')?;
+        (id.parse() == Ok(message_id)).then_some(name)
+    })
 }
 
 const STAMP_BYTES: usize = 8;
@@ -96,7 +120,13 @@ const MAVLINK_1_MIN: u64 = 3;
 #[must_use]
 pub fn read_raw(bytes: &[u8]) -> Summary {
     let both = read_versions(bytes, true);
-    if both.mavlink_1 < MAVLINK_1_MIN { read_versions(bytes, false) } else { both }
+    named(if both.mavlink_1 < MAVLINK_1_MIN { read_versions(bytes, false) } else { both })
+}
+
+/// With the names of its messages.
+fn named(mut summary: Summary) -> Summary {
+    summary.names = summary.counts.keys().filter_map(|id| Some((*id, name(*id)?))).collect();
+    summary
 }
 
 fn read_versions(mut bytes: &[u8], accept_v1: bool) -> Summary {
@@ -122,6 +152,10 @@ fn read_versions(mut bytes: &[u8], accept_v1: bool) -> Summary {
 /// one until that is true again, as in the framer.
 #[must_use]
 pub fn read_stamped(bytes: &[u8]) -> Summary {
+    named(count_stamped(bytes))
+}
+
+fn count_stamped(bytes: &[u8]) -> Summary {
     let mut summary = Summary::default();
     let mut at = 0;
     while let Some(record) = bytes.get(at + STAMP_BYTES..).filter(|record| !record.is_empty()) {
@@ -218,7 +252,10 @@ mod tests {
         assert_eq!((summary.frames, summary.bad_crc, summary.skipped_bytes), (3, 0, 0));
         assert_eq!(summary.counts, BTreeMap::from([(0, 1), (30, 2)]));
         let json = serde_json::to_string(&summary).unwrap();
-        assert_eq!(json, r#"{"frames":3,"bad_crc":0,"skipped_bytes":0,"counts":{"0":1,"30":2}}"#);
+        assert_eq!(
+            json,
+            r#"{"frames":3,"bad_crc":0,"skipped_bytes":0,"counts":{"0":1,"30":2},"names":{"0":"HEARTBEAT","30":"ATTITUDE"}}"#
+        );
     }
 
     #[test]
@@ -263,6 +300,16 @@ mod tests {
         let summary = read_stamped(&log);
         assert_eq!((summary.frames, summary.bad_crc), (2, 1));
         assert_eq!(summary.skipped_bytes, frames()[1].len() as u64);
+    }
+
+    #[test]
+    fn messages_have_names_beside_their_numbers() {
+        let all: Vec<u32> = NAMES.lines().map(|line| line.split_once(' ').unwrap().0.parse().unwrap()).collect();
+        assert!(all.is_sorted() && all.len() > 300);
+        let [heartbeat, attitude] = frames();
+        let summary = read_raw(&[&heartbeat[..], &attitude].concat());
+        assert_eq!(summary.names, BTreeMap::from([(0, "HEARTBEAT"), (30, "ATTITUDE")]));
+        assert_eq!((name(84), name(16_000_000)), (Some("SET_POSITION_TARGET_LOCAL_NED"), None));
     }
 
     #[test]

@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use clap::{ArgGroup, Args};
 use foxhound_sim::scenario::input::{AZIMUTH_DEG, ELEVATION_DEG, InputError, RANGE_M, TEMPERATURE_C, read_text};
+use foxhound_sim::scenario::output;
 use foxhound_sim::tools::bearings::{self, Line, Options};
 use foxhound_sim::tools::calibrate::{self, calibrate};
 use foxhound_sim::tools::frames::{ArrayDescription, Recording, read_yaw};
@@ -25,17 +26,19 @@ Array file (TOML): wavelength_m, side_m or antennas_m = [[x,y],...] (forward, ri
 optional tone_hz, tone_band_hz = [lo, hi], skew_s = [...], require_calibration, [calibration] \
 (written by `foxhound calibrate`).
 
---switched: complex64, (packets, slots, samples of a slot). Array file: wavelength_m, antennas_m of 2 to 8 antennas, \
+--switched: complex64, (packets, slots, samples of a slot), or Bluetooth IQ reports: a btsnoop file, or the bytes of an \
+H4 line (sample_rate_hz = 1e6, that of the reference period; the handle is the transmitter). Array file: wavelength_m, antennas_m of 2 to 8 antennas, \
 sample_rate_hz, tone_hz (in the samples), [switch] with slot_s (from slot to slot) and pattern (the antenna of each slot \
 from 1 on, repeated; 0: not used), optional sigma_floor_deg.
 
---iq: complex64, (frames, channels, N), or SigMF (ci16_le, ci8, cu8, cf32_le). Array file: wavelength_m, antennas_m, \
+--iq: complex64, (frames, channels, N); int16 or int8, (frames, channels, N, 2); SigMF (ci16_le, ci8, cu8, cf32_le); WAV of \
+as many channels as antennas (real samples) or twice as many (I and Q of each). Array file: wavelength_m, antennas_m, \
 sample_rate_hz, optional tone_band_hz (the occupied band, about zero), sigma_floor_deg.
 
 Looks: of an array that moves, from 4 on, direct path and one reflection are told apart (MUSIC over the looks); others are \
 averaged. Where nothing moves and most looks do not fit a plane wave the answer is their median. --yaw gives the heading of the \
 array; the azimuth is that in the body frame of the last look. --switched joins packets of one transmitter, --iq \
-frames. Frames left over at the end give no bearing.
+frames. Frames left over at the end are an error (with --emitter a note).
 
 Lines of --switched and --iq also have mirror_deg (the other answer of antennas on a line) and ambiguities (how many \
 directions fit nearly as well).
@@ -44,6 +47,7 @@ Examples:
   foxhound bearing --adc frames.npy --array array.toml
   foxhound bearing --adc frames.npy --array array.toml --looks 4 --yaw yaw.npy --json
   foxhound bearing --switched packets.npy --array ring.toml --emitter beacons.npy
+  foxhound bearing --switched capture.btsnoop --array ring.toml --looks 8
   foxhound bearing --iq recording.sigmf-meta --array array.toml";
 
 #[derive(Args, Debug)]
@@ -53,10 +57,10 @@ pub(super) struct BearingCommand {
     /// Recorded frames of four converters.
     #[arg(long, value_name = "FILE")]
     adc: Option<PathBuf>,
-    /// Recorded packets of an array behind a switch.
+    /// Recorded packets of an array behind a switch: .npy, btsnoop, or an H4 line's bytes.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["estimator", "yaw", "independent"])]
     switched: Option<PathBuf>,
-    /// Recorded complex samples of all channels: .npy or .sigmf-meta.
+    /// Recorded complex samples of all channels: .npy, .sigmf-meta or .wav.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["estimator", "yaw", "independent"])]
     iq: Option<PathBuf>,
     /// Which transmitter sent each packet: .npy, int32, one per packet.
@@ -146,16 +150,24 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
     let looks = args.looks as usize;
     if let Some(path) = &args.switched {
         let array = RadioArray::read(&args.array)?;
-        let packets = Packets::read(path, args.emitter.as_deref())?;
+        let packets = Packets::read(path, args.emitter.as_deref(), &array)?;
+        cli.note(&format!("note: read {}", packets.taken()));
         let (lines, left) = switched::find(&packets, &array, looks)?;
-        note_left(cli, left, packets.count(), looks);
+        let count = packets.count();
+        // Who sends when is not the user's choice: what is left of each transmitter's packets is no error.
+        if args.emitter.is_none() || lines.is_empty() {
+            refuse_left(left, count, "packets", looks)?;
+        } else if left != 0 {
+            cli.note(&format!("note: {left} of {count} packets make no group of {looks} of one transmitter"));
+        }
         return print(cli, &lines, |line| &line.line);
     }
     if let Some(path) = &args.iq {
         let array = RadioArray::read(&args.array)?;
         let frames = Frames::read(path, &array)?;
+        cli.note(&format!("note: read {}", frames.taken()));
         let lines = iq::find(&frames, &array, looks)?;
-        note_left(cli, frames.count() % looks, frames.count(), looks);
+        refuse_left(frames.count() % looks, frames.count(), "frames", looks)?;
         return print(cli, &lines, |line| &line.line);
     }
     let Some(adc) = &args.adc else { return Err(InputError::new("--adc: missing")) };
@@ -174,14 +186,17 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
     };
     let options = Options { estimator: args.estimator.into(), looks, yaw_rad, independent: args.independent };
     let lines = bearings::find(&recording, &description, &options)?;
-    note_left(cli, frames % looks, frames, looks);
+    refuse_left(frames % looks, frames, "frames", looks)?;
     print(cli, &lines, |line| line)
 }
 
-fn note_left(cli: &Cli, left: usize, frames: usize, looks: usize) {
-    if left != 0 {
-        cli.note(&format!("note: the last {left} of {frames} frames make no group of {looks} and are not answered"));
+/// Nothing of a recording is left out.
+fn refuse_left(left: usize, count: usize, what: &str, looks: usize) -> Result<(), InputError> {
+    if left == 0 {
+        return Ok(());
     }
+    let text = format!("--looks {looks}: the last {left} of {count} {what} make no group of {looks}; cut them off");
+    Err(InputError::new(text))
 }
 
 /// Prints the lines of any recording.
@@ -216,7 +231,7 @@ pub(super) fn calibration(cli: &Cli, args: &CalibrateCommand) -> Result<ExitCode
         skew: args.skew,
     };
     let (text, report) = calibrate(&recording, &text, &options)?;
-    std::fs::write(&args.array, text).map_err(|error| InputError::new(error.to_string()).in_file(&args.array))?;
+    output::write(&args.array, text.as_bytes())?;
     if report.interferer_frames > 0 {
         warn(&format!("warning: in {} frames another line stands within 10 dB of the tone", report.interferer_frames));
     }

@@ -22,9 +22,10 @@ use foxhound_sim::record::report::Recorder;
 use foxhound_sim::scenario::input::{DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, read_text};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::fly::{EstimatorName, Via, look, planner_parser};
+use super::fly::{EstimatorName, Via, Written, look, planner_parser};
 use super::live::{LiveArgs, Watched};
-use super::terminal::{say, show_as, stop_flag, warn};
+use super::radio::RadioArgs;
+use super::terminal::{interrupted, say, show_as, stop_flag, warn};
 use super::value::number;
 use super::{Cli, check_writable, command_line, json_line};
 
@@ -49,9 +50,19 @@ Obstacles: what the autopilot and its system tell is always heard (DISTANCE_SENS
                          and then blind
   (not given)            the autopilot, if it tells anything within 1.5 s or later;
                          else a simulated sensor sees an empty world
+With --bearings a radio that runs is flown by, and nothing of the beacon is simulated (docs/hardware/radios.md):
+  kraken:HOST[:PORT]    KrakenSDR: its DoA software's CSV over HTTP, port 8081
+  heimdall:HOST[:PORT]  KrakenSDR: heimdall's samples over TCP, port 5000; needs --array
+  hci:DEVICE:BAUD       a Bluetooth controller's IQ reports over serial; needs --array
+  uudf:DEVICE:BAUD      u-blox +UUDF lines over serial
+  udp:HOST:PORT         JSON lines that come to this port of ours:
+                        {\"azimuth_deg\": 12.5, \"sigma_deg\": 5, \"age_s\": 0.1}
+The azimuth is from the antennas' zero, clockwise. A radio that stops makes the flight hold.
+
 Who it is stands in \"obstacles\" of the report, and the pilot is told. \"collisions\" is null where nobody can know.
 
-Exit status: 0 reached; 1 flown, but not reached; 2 bad usage or input.";
+Exit status: 0 reached; 1 flown, but not reached; 2 bad usage or input, or a file that could not be written; 130 ended by \
+Ctrl-C, 143 by SIGTERM.";
 
 #[derive(Args, Debug)]
 #[command(after_help = COMPANION_HELP)]
@@ -60,9 +71,18 @@ pub(super) struct CompanionCommand {
     /// there), or serial:DEVICE:BAUD. It may start later, or restart.
     #[arg(long, value_name = "ADDRESS")]
     autopilot: Address,
-    /// Where the beacon is, in metres of the autopilot's local frame: north, east, down.
-    #[arg(long, value_name = "N,E,D", value_parser = triple, allow_hyphen_values = true)]
-    source: [f64; 3],
+    /// Where the beacon is, in metres of the autopilot's local frame: north, east, down. With --bearings it only says how near
+    /// the flight came, and may be left out.
+    #[arg(
+        long,
+        value_name = "N,E,D",
+        value_parser = triple,
+        allow_hyphen_values = true,
+        required_unless_present = "bearings"
+    )]
+    source: Option<[f64; 3]>,
+    #[command(flatten)]
+    radio: RadioArgs,
     /// Who provides obstacles: a file of them, in the same frame, `autopilot` or `none`; see below.
     #[arg(long, value_name = "FILE|autopilot|none")]
     obstacles: Option<PathBuf>,
@@ -154,7 +174,8 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         None => None,
     };
     let config = Config {
-        source_ned_m: args.source,
+        source_ned_m: args.source.unwrap_or_default(),
+        is_source_known: args.source.is_some(),
         obstacles,
         v_max_mps: args.v_max.unwrap_or(2.0),
         ends: Ends::Near,
@@ -197,19 +218,18 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         warn(&format!("{}: cannot listen there; calls it instead, as {turned}", args.autopilot));
     }
     let mut log = match &args.tlog {
-        Some(path) => Some(
-            tlog::Writer::create(path)
-                .map_err(|error| InputError::new(format!("--tlog {}: {error}", path.display())))?,
-        ),
+        Some(path) => Some(tlog::Writer::create(path).map_err(|error| InputError::new(format!("--tlog {error}")))?),
         None => None,
     };
 
     let watcher = |path: &PathBuf| mcap::Log::create(path, &config.mission(), &guidance, command_line());
     let mut foxglove = args.mcap.as_ref().map(watcher).transpose()?;
+    let mut radio = args.radio.open()?;
     let stop = stop_flag()?;
     let mut progress = Progress::new(cli, args.autopilot.clone());
     progress.text("waits for the autopilot");
     let waited = Instant::now();
+    let mut written = Written { cli, has_failed: false };
     let report = if companion::wait_for_line(&mut line, &stop, config.max_time_s) {
         let waited_s = waited.elapsed().as_secs_f64();
         let config = Config { max_time_s: config.max_time_s.map(|limit_s| limit_s - waited_s), ..config };
@@ -226,7 +246,8 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
                 &mut host
             }
         };
-        let flown = companion::fly(&config, computer, &mut line, log.as_mut(), &stop, |news, moment| {
+        let bearings = radio.as_mut().map(|radio| radio as &mut dyn companion::Bearings);
+        let flown = companion::fly(&config, computer, &mut line, log.as_mut(), bearings, &stop, |news, moment| {
             progress.tell_eyes(news.eyes, &guidance);
             progress.show(news);
             if let (Some(watched), Some(moment)) = (&mut watched, moment) {
@@ -237,8 +258,11 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
             }
         })?;
         progress.clear();
+        if let Some(radio) = &radio {
+            cli.note(&radio.summary());
+        }
         for complaint in &flown.complaints {
-            warn(&format!("error: {complaint}"));
+            written.file(None, Err(InputError::new(complaint.clone())));
         }
         if flown.missed_steps > 0 {
             cli.note(&format!("{} steps were left out: the machine was busy", flown.missed_steps));
@@ -248,17 +272,13 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         companion::nobody_there(&config)
     };
     if let Some(log) = log {
-        log.finish().map_err(|error| InputError::new(format!("--tlog: {error}")))?;
+        written.file(None, log.finish().map_err(|error| InputError::new(format!("--tlog {error}"))));
     }
     if let Some(watched) = &mut watched {
-        watched.end(&report)?;
-    }
-    if let Some(path) = &args.report {
-        cli.note(&format!("report: {}", path.display()));
+        written.file(args.report.as_ref().map(|path| format!("report: {}", path.display())), watched.end(&report));
     }
     if let (Some(foxglove), Some(path)) = (foxglove, &args.mcap) {
-        foxglove.end(&report)?;
-        cli.note(&format!("MCAP: {}", path.display()));
+        written.file(Some(format!("MCAP: {}", path.display())), foxglove.end(&report));
     }
     if cli.json {
         say(&json_line(&report)?);
@@ -268,7 +288,12 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     if let Some(watched) = watched.filter(|_| args.live.is_on()) {
         watched.linger(cli, &stop);
     }
-    Ok(if report.result == Ending::Reached { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    Ok(match report.result {
+        _ if written.has_failed => ExitCode::from(2),
+        Ending::Reached => ExitCode::SUCCESS,
+        Ending::Interrupted => interrupted(),
+        Ending::Hold | Ending::Collision | Ending::Timeout => ExitCode::from(1),
+    })
 }
 
 fn refused(error: foxhound_sim::drive::qemu::QemuError) -> InputError {
@@ -401,6 +426,7 @@ fn word(ending: Ending) -> &'static str {
         Ending::Hold => "holds",
         Ending::Collision => "collided",
         Ending::Timeout => "ended on the way",
+        Ending::Interrupted => "was interrupted",
     }
 }
 
@@ -408,8 +434,10 @@ fn word(ending: Ending) -> &'static str {
 fn summary(report: &Report) -> String {
     let reason = if report.result == Ending::Reached { String::new() } else { format!(" ({})", report.reason) };
     let mut text = format!("{}{reason} after {:.1} s in control\n", word(report.result), report.time_s);
-    text +=
-        &format!("  path             {:.2} m, straight line {:.2} m\n", report.path_length_m, report.straight_line_m);
+    text += &format!(
+        "  path             {:.2} m to {:.2} m from the beacon, straight line to the beacon {:.2} m\n",
+        report.path_length_m, report.to_beacon_m, report.straight_line_m
+    );
     if let Some(clearance_m) = report.min_clearance_m {
         text += &format!("  least clearance  {clearance_m:.3} m\n");
     }

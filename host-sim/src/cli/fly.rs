@@ -19,11 +19,12 @@ use foxhound_sim::drive::qemu::QemuComputer;
 use foxhound_sim::record::report::{Beside, Recorder};
 use foxhound_sim::record::{mcap, plot};
 use foxhound_sim::scenario::input::{InputError, SNR_DB, SPEED, check_within};
+use foxhound_sim::scenario::output;
 use foxhound_sim::scenario::params::Given;
 use foxhound_sim::scenario::{BearingModel, Scenario, SensorModel};
 
 use super::live::{LiveArgs, Pace, Watched};
-use super::terminal::{BAD, GOOD, HALF, say, show_as, stop_flag};
+use super::terminal::{BAD, GOOD, HALF, interrupted, say, show_as, stop_flag, warn};
 use super::value::number;
 use super::{Cli, check_writable, command_line, ending, json_line};
 
@@ -205,6 +206,9 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     for (option, path) in [("--plot", &args.plot), ("--report", &args.report), ("--flight-log", &args.flight_log)] {
         check_writable(option, path.as_ref())?;
     }
+    if let Some(path) = plot_path.as_deref() {
+        if args.plot.is_none() { cli.claim(path) } else { check_writable("--plot", args.plot.as_ref()) }?;
+    }
     let mut config = mission.guidance();
     if let Some(path) = &args.params {
         let mut given = Given::default();
@@ -237,10 +241,7 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     let watcher = |path: &PathBuf| mcap::Log::create(path, &mission, &config, command_line());
     let mut foxglove = args.mcap.as_ref().map(watcher).transpose()?;
     let mut log = match &args.tlog {
-        Some(path) => Some(
-            tlog::Writer::create(path)
-                .map_err(|error| InputError::new(format!("--tlog {}: {error}", path.display())))?,
-        ),
+        Some(path) => Some(tlog::Writer::create(path).map_err(|error| InputError::new(format!("--tlog {error}")))?),
         None => None,
     };
 
@@ -249,7 +250,8 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     }
     let progress = cli.bar("flying", mission.scenario.max_time_s as u64, "s at most");
     let pace = args.live.is_on().then(|| Pace::new(args.speed));
-    let flown = flight::fly_watched(&mission, computer.as_mut(), log.as_mut(), |moment| {
+    let stop = stop_flag()?;
+    let flown = flight::fly_until(&mission, computer.as_mut(), log.as_mut(), &stop, |moment| {
         progress.set_position(moment.sample.time_s as u64);
         if let Some(watched) = &mut watched {
             watched.watch(moment);
@@ -258,7 +260,7 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
             foxglove.watch(moment);
         }
         if let Some(pace) = &pace {
-            pace.wait(moment.sample.time_s);
+            pace.wait(moment.sample.time_s, &stop);
         }
     });
     progress.finish_and_clear();
@@ -266,46 +268,77 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     if let Some(table) = computer.time_spent() {
         cli.note(&table);
     }
+    if let Some(overlap_m) = record.report.min_clearance_m.filter(|clearance_m| *clearance_m < 0.0)
+        && record.report.result != Ending::Collision
+    {
+        cli.note(&format!(
+            "note: the hull overlapped something by {:.3} m at the start; while that does not grow by a millimetre it is no \
+             collision",
+            -overlap_m
+        ));
+    }
+    // A file that cannot be written costs neither the others nor the result that is printed.
+    let mut written = Written { cli, has_failed: false };
     if let Some(log) = log {
-        log.finish().map_err(|error| InputError::new(format!("--tlog: {error}")))?;
+        written.file(None, log.finish().map_err(|error| InputError::new(format!("--tlog {error}"))));
     }
     if let Some(path) = &args.flight_log {
-        std::fs::write(path, computer.take_flight_log())
-            .map_err(|error| InputError::new(format!("--flight-log {}: {error}", path.display())))?;
+        let log = output::write(path, &computer.take_flight_log());
+        written.file(None, log.map_err(|error| InputError::new(format!("--flight-log {error}"))));
     }
-    if let Some(path) = &plot_path {
-        plot::draw(&record, path)?;
-        if cli.json {
-            cli.note(&format!("picture: {}", path.display()));
-        }
-    }
+    let named = |name, path: &Path| cli.json.then(|| format!("{name}: {}", path.display()));
+    let plotted = plot_path.as_deref().filter(|path| written.file(named("picture", path), plot::draw(&record, path)));
+    let mut reported = args.report.as_deref();
     if let Some(watched) = &mut watched {
-        watched.end(&record.report)?;
-    }
-    if let Some(path) = args.report.as_ref().filter(|_| cli.json) {
-        cli.note(&format!("report: {}", path.display()));
+        let note = reported.and_then(|path| named("report", path));
+        reported = reported.filter(|_| written.file(note, watched.end(&record.report)));
     }
     if let (Some(foxglove), Some(path)) = (foxglove, &args.mcap) {
-        foxglove.end(&record.report)?;
-        cli.note(&format!("MCAP: {}", path.display()));
+        written.file(Some(format!("MCAP: {}", path.display())), foxglove.end(&record.report));
     }
     if cli.json {
         say(&json_line(&record.report)?);
     } else {
-        show_as(look(record.report.result), &summary(&record, plot_path.as_deref(), args.report.as_deref()));
+        show_as(look(record.report.result), &summary(&record, plotted, reported));
     }
     if let Some(watched) = watched.filter(|_| args.live.is_on()) {
-        let stop = stop_flag()?;
         watched.linger(cli, &stop);
     }
-    Ok(if record.report.result == Ending::Reached { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    Ok(match record.report.result {
+        _ if written.has_failed => ExitCode::from(2),
+        Ending::Reached => ExitCode::SUCCESS,
+        Ending::Interrupted => interrupted(),
+        Ending::Hold | Ending::Collision | Ending::Timeout => ExitCode::from(1),
+    })
+}
+
+/// The files of a flight, each of which may fail.
+pub(super) struct Written<'a> {
+    pub(super) cli: &'a Cli,
+    pub(super) has_failed: bool,
+}
+
+impl Written<'_> {
+    /// Says that a file is there, or why it is not; whether it is.
+    pub(super) fn file(&mut self, note: Option<String>, written: Result<(), InputError>) -> bool {
+        let is_there = written.is_ok();
+        match (written, note) {
+            (Ok(()), Some(note)) => self.cli.note(&note),
+            (Ok(()), None) => {}
+            (Err(error), _) => {
+                warn(&format!("error: {error}"));
+                self.has_failed = true;
+            }
+        }
+        is_there
+    }
 }
 
 /// Style of the text for an ending.
 pub(super) fn look(ending: Ending) -> Style {
     match ending {
         Ending::Reached => GOOD,
-        Ending::Hold | Ending::Timeout => HALF,
+        Ending::Hold | Ending::Timeout | Ending::Interrupted => HALF,
         Ending::Collision => BAD,
     }
 }
@@ -318,14 +351,15 @@ fn summary(record: &Record, plot: Option<&Path>, page: Option<&Path>) -> String 
         Ending::Hold => "holds",
         Ending::Collision => "collided",
         Ending::Timeout => "ran out of time",
+        Ending::Interrupted => "was interrupted",
     };
     let mut text = String::new();
     let reason = if report.result == Ending::Reached { String::new() } else { format!(" ({})", report.reason) };
     let _ = writeln!(text, "{}: {word}{reason} after {:.1} s", report.name, report.time_s);
     let _ = writeln!(
         text,
-        "  path             {:.2} m, straight line {:.2} m",
-        report.path_length_m, report.straight_line_m
+        "  path             {:.2} m to {:.2} m from the beacon, straight line to the beacon {:.2} m",
+        report.path_length_m, report.to_beacon_m, report.straight_line_m
     );
     if let Some(clearance_m) = report.min_clearance_m {
         let _ = writeln!(text, "  least clearance  {clearance_m:.3} m");

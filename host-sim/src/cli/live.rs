@@ -1,7 +1,7 @@
 //! Readers of a flight's report: a file gets it at the end, browsers get it as the flight runs.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -109,9 +109,12 @@ impl Pace {
         Self { since: Instant::now(), speed }
     }
 
-    /// Waits until real time has reached `time_s`.
-    pub(super) fn wait(&self, time_s: f64) {
+    /// Waits until real time has reached `time_s`, or for the signal to stop.
+    pub(super) fn wait(&self, time_s: f64, stop: &AtomicBool) {
         let due = Duration::from_secs_f64(time_s / self.speed);
-        sleep(due.saturating_sub(self.since.elapsed()));
+        // A step of a slow flight is long.
+        while !stop.load(Ordering::Relaxed) && self.since.elapsed() < due {
+            sleep(due.saturating_sub(self.since.elapsed()).min(Duration::from_millis(50)));
+        }
     }
 }

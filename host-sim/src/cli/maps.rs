@@ -139,6 +139,14 @@ impl MapsReport {
 }
 
 pub(super) fn draw_maps(cli: &Cli, args: &MapsCommand) -> Result<ExitCode, InputError> {
+    // What is described has its file already.
+    let folder = cli.out.clone().or_else(|| (!cli.json && args.describe.is_none()).then(|| PathBuf::from("out")));
+    if let Some(folder) = &folder {
+        cli.claim(&folder.join("maps.svg"))?;
+        if args.describe.is_none() {
+            cli.claim(&folder.join("suite.json"))?;
+        }
+    }
     let (suite, report) = match &args.describe {
         Some(path) => describe(Suite::read(path)?),
         None => drawn(cli, args)?,
@@ -148,8 +156,6 @@ pub(super) fn draw_maps(cli: &Cli, args: &MapsCommand) -> Result<ExitCode, Input
     } else {
         show(&report.table());
     }
-    // The suite that is described exists already.
-    let folder = cli.out.clone().or_else(|| (!cli.json && args.describe.is_none()).then(|| PathBuf::from("out")));
     if let Some(folder) = folder {
         let picture = folder.join("maps.svg");
         record::maps::draw(&suite, &picture)?;

@@ -29,6 +29,9 @@ pub(super) struct MergeCommand {
 }
 
 pub(super) fn merge(cli: &Cli, args: &MergeCommand) -> Result<ExitCode, InputError> {
+    if let Some(folder) = &cli.out {
+        cli.claim(&folder.join("flights.jsonl"))?;
+    }
     let read = |path: &PathBuf| Part::parse(&read_text(path)?).map_err(|error| error.in_file(path));
     let parts: Result<Vec<Part>, InputError> = args.files.iter().map(read).collect();
     let flown = put_together(parts?)?;

@@ -6,6 +6,7 @@ mod bearing;
 mod companion;
 mod fly;
 mod link_state;
+mod listen;
 mod live;
 mod maps;
 mod merge;
@@ -13,6 +14,7 @@ mod pad;
 mod pages;
 mod params;
 mod port;
+mod radio;
 mod replay;
 mod reproduce;
 mod suite;
@@ -27,6 +29,7 @@ use std::process::ExitCode;
 use clap::{Args, Parser, Subcommand};
 use foxhound_sim::autopilot::tlog;
 use foxhound_sim::scenario::input::InputError;
+use foxhound_sim::scenario::output;
 use serde::Serialize;
 
 use autopilot::AutopilotCommand;
@@ -71,6 +74,9 @@ struct Cli {
     /// Folder for output files [default: out; with --json nothing is written unless requested].
     #[arg(long, global = true, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Replaces results that are in the folder of --out already.
+    #[arg(long, global = true)]
+    force: bool,
 }
 
 const EXAMPLES: &str = "Examples:
@@ -87,7 +93,8 @@ const EXAMPLES: &str = "Examples:
   foxhound maps --out forests && foxhound suite forests/suite.json
   foxhound reproduce all --out papers    every experiment, in one page
 
-Exit status: 0 done as asked; 1 flown, but a goal was not reached; 2 bad usage or input.";
+Exit status: 0 done as asked; 1 flown, but a goal was not reached; 2 bad usage or input, or a result that could not be \
+written; 130 ended by Ctrl-C, 143 by SIGTERM.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -101,6 +108,8 @@ enum Command {
     Bearing(BearingCommand),
     /// Measures the channels with a known source and writes them into the array file.
     Calibrate(CalibrateCommand),
+    /// Shows what a recording, or a radio that runs, tells: bearings, spectrum, eigenvalues, as a page.
+    Listen(listen::ListenCommand),
     /// Counts the MAVLink frames of a telemetry log.
     Tlog(TlogCommand),
     /// Flies a flight log again, and compares every step bit for bit.
@@ -153,7 +162,18 @@ struct TlogCommand {
 
 /// Runs the command.
 pub(crate) fn run() -> ExitCode {
-    let cli = Cli::parse();
+    if let Err(error) = terminal::survive_limits() {
+        warn(&format!("warning: {error}"));
+    }
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(shown) => {
+            let code = u8::try_from(shown.exit_code()).unwrap_or(2);
+            // Help goes to stdout, errors to stderr.
+            let is_unsaid = shown.print().is_err_and(|error| error.kind() != io::ErrorKind::BrokenPipe);
+            return ExitCode::from(if is_unsaid || terminal::unsaid().is_some() { 2 } else { code });
+        }
+    };
     let done = match &cli.command {
         None => fly::fly(&cli, &Fly::default()),
         Some(Command::Fly(args)) => fly::fly(&cli, args),
@@ -161,6 +181,7 @@ pub(crate) fn run() -> ExitCode {
         Some(Command::Autopilot(args)) => autopilot::autopilot(&cli, args),
         Some(Command::Bearing(args)) => bearing::bearing(&cli, args),
         Some(Command::Calibrate(args)) => bearing::calibration(&cli, args),
+        Some(Command::Listen(args)) => listen::listen(&cli, args),
         Some(Command::Tlog(args)) => read_log(&cli, args),
         Some(Command::Replay(args)) => replay::replay(&cli, args),
         Some(Command::Port(args)) => port::port(&cli, args),
@@ -175,7 +196,7 @@ pub(crate) fn run() -> ExitCode {
         Some(Command::Completions(args)) => pages::completions(&cli, args),
         Some(Command::Man(args)) => pages::manual(&cli, args),
     };
-    match done {
+    match done.and_then(|code| terminal::unsaid().map_or(Ok(code), Err)) {
         Ok(code) => code,
         Err(error) => {
             warn(&format!("error: {error}"));
@@ -209,21 +230,28 @@ fn ending(path: &Path) -> Option<&str> {
 }
 
 fn write_text(path: &Path, text: &str) -> Result<(), InputError> {
-    let failed = |error: io::Error| InputError::new(error.to_string()).in_file(path);
-    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        std::fs::create_dir_all(folder).map_err(failed)?;
-    }
-    std::fs::write(path, text).map_err(failed)
+    output::write(path, text.as_bytes())
 }
 
-/// Checks before the work that its result can be written: creates the file, unless it exists.
+impl Cli {
+    /// Makes sure that no result of before is lost: in a folder that was named, one that is there is replaced only with --force.
+    /// The usual folder, `out`, is for the last run, so that a command can be repeated; what is replaced there is said.
+    fn claim(&self, path: &Path) -> Result<(), InputError> {
+        if path.symlink_metadata().is_ok() && !self.force {
+            if self.out.is_some() {
+                let text = "is there already; name another folder with --out, or replace it with --force";
+                return Err(InputError::new(text).in_file(path));
+            }
+            self.note(&format!("note: {} of the last run is replaced; --out DIR keeps this one", path.display()));
+        }
+        output::check_writable(path)
+    }
+}
+
+/// Checks before the work that its result can be written.
 fn check_writable(option: &str, path: Option<&PathBuf>) -> Result<(), InputError> {
     let Some(path) = path else { return Ok(()) };
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let made = folder.map_or(Ok(()), std::fs::create_dir_all);
-    made.and_then(|()| std::fs::OpenOptions::new().create(true).append(true).open(path))
-        .map(drop)
-        .map_err(|error| InputError::new(format!("{option} {}: {error}", path.display())))
+    output::check_writable(path).map_err(|error| InputError::new(format!("{option} {error}")))
 }
 
 fn print_schema(cli: &Cli) -> Result<ExitCode, InputError> {
@@ -251,7 +279,8 @@ fn read_log(cli: &Cli, args: &TlogCommand) -> Result<ExitCode, InputError> {
             let _ = writeln!(text, "{:>8}  of them MAVLink 1", summary.mavlink_1);
         }
         for (id, count) in &summary.counts {
-            let _ = writeln!(text, "{count:>8}  message {id}");
+            let name = summary.names.get(id).copied().unwrap_or("unknown to the ArduPilot dialect");
+            let _ = writeln!(text, "{count:>8}  message {id:<5} {name}");
         }
         show(&text);
     }

@@ -117,6 +117,7 @@ pub(super) fn pad(cli: &Cli, args: &PadCommand) -> Result<ExitCode, InputError> 
     let mut report = report(seen, &frame, args.focal as f32);
     if let Some(folder) = &cli.out {
         let path = folder.join("pad.png");
+        cli.claim(&path)?;
         mark(&frame, seen, args.focal as f32).write(&path)?;
         report.picture = Some(path);
     }

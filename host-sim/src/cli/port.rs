@@ -15,6 +15,7 @@ use foxhound_computer::port::FRAMES_MAX;
 use foxhound_core::base::adc::AdcFrame;
 use foxhound_sim::autopilot::transport::{Address, BAUDS, Line};
 use foxhound_sim::scenario::input::{InputError, MAX_TIME_S, check_within};
+use foxhound_sim::scenario::output;
 use foxhound_sim::tools::frames::Recording;
 use serde::Serialize;
 
@@ -82,7 +83,7 @@ struct Dumped<'a> {
 /// The cable to a flight computer.
 struct Cable {
     line: Line,
-    log: Option<File>,
+    log: Option<(PathBuf, File)>,
     deframer: Box<LogDeframer>,
 }
 
@@ -96,7 +97,11 @@ impl Cable {
     fn open(args: &PortCommand) -> Result<Self, InputError> {
         let address = Address::Serial { device: args.serial.clone(), baud: args.baud };
         let line = Line::open(&address).map_err(|error| failed(&error).in_file(&args.serial))?;
-        let log = args.log.as_ref().map(File::create).transpose().map_err(|error| failed(&error))?;
+        // Written as it comes, record for record: what is there when it is ended is a log.
+        let begun = |path: &PathBuf| {
+            File::create(path).map(|file| (path.clone(), file)).map_err(|error| output::failed(path, &error))
+        };
+        let log = args.log.as_ref().map(begun).transpose()?;
         Ok(Self { line, log, deframer: Box::new(LogDeframer::new()) })
     }
 
@@ -108,8 +113,8 @@ impl Cable {
     /// Takes what has been received.
     fn hear(&mut self) -> Result<Vec<Reply>, InputError> {
         let bytes = self.line.read();
-        if let Some(log) = &mut self.log {
-            log.write_all(&bytes).map_err(|error| failed(&error))?;
+        if let Some((path, log)) = &mut self.log {
+            log.write_all(&bytes).map_err(|error| output::failed(path, &error))?;
         }
         let mut heard = Vec::new();
         for byte in &bytes {

@@ -7,15 +7,16 @@ use clap::{Args, ValueEnum};
 use foxhound_core::planning::planner;
 use foxhound_sim::drive::computer::HostComputer;
 use foxhound_sim::drive::flight::Ending;
+use foxhound_sim::drive::suite::journal::{self, Before, Journal};
 use foxhound_sim::drive::suite::shard::{self, Shard};
-use foxhound_sim::drive::suite::{self, Flown, Selection, Suite};
+use foxhound_sim::drive::suite::{self, Flight, Flown, Selection, Suite};
 use foxhound_sim::record::plot;
 use foxhound_sim::record::table;
 use foxhound_sim::scenario::input::{DRONE_RADIUS_M, InputError, SIGMA_DEG, SNR_DB, check_within};
-use foxhound_sim::scenario::{BearingModel, VehicleModel};
+use foxhound_sim::scenario::{BearingModel, VehicleModel, output};
 
 use super::fly::{EstimatorName, planner_parser};
-use super::terminal::say;
+use super::terminal::{interrupted, say, stop_flag, warn};
 use super::value::{number, whole};
 use super::{Cli, check_writable, json_line, terminal, write_text};
 
@@ -35,15 +36,21 @@ them again, and writes its scenario and its picture there.
 --shard K/N flies every Nth flight from the Kth on, on whatever machine, and writes DIR/shard-K-of-N.jsonl; `foxhound \
 merge` puts all N together to what the whole suite prints.
 
+What was flown is kept as it is flown, in suite-HASH.journal in the folder of --out (with --json only where --out or \
+--resume is given), until the results are written. With --resume a suite that was ended in any way, by Ctrl-C or a power \
+cut, goes on where it was; its results are those of the suite in one piece, byte for byte.
+
 Examples:
   foxhound suite suite.json
+  foxhound suite suite.json --resume     after it was ended
   foxhound suite suite.json --planner paper --only 4 --pairs 10
   foxhound suite suite.json --only 4,2,17 --out failed
   foxhound suite suite.json --bearing-sigma-deg 20 --json
   foxhound suite suite.json --shard 3/8 --out shards
   foxhound suite suite.json --parquet flights.parquet
 
-Exit status: 0 every flight reached the beacon; 1 not every one, or one collided; 2 bad usage or input.";
+Exit status: 0 every flight reached the beacon; 1 not every one, or one collided; 2 bad usage or input, or a file that could \
+not be written; 130 ended by Ctrl-C, 143 by SIGTERM.";
 
 #[derive(Args, Debug)]
 #[command(after_help = SUITE_HELP)]
@@ -69,6 +76,9 @@ pub(super) struct SuiteCommand {
         allow_negative_numbers = true
     )]
     only: Vec<u32>,
+    /// Goes on where the same suite with the same options was ended, in the same folder of --out.
+    #[arg(long)]
+    resume: bool,
     /// Only the first so many pairs of each map.
     #[arg(long, value_name = "P", value_parser = whole::<u32>(0..=u32::MAX.into()), allow_negative_numbers = true)]
     pairs: Option<u32>,
@@ -151,7 +161,8 @@ fn write_tables(cli: &Cli, args: &SuiteCommand, flown: &[suite::Flown]) -> Resul
         cli.note(&format!("table: {}", path.display()));
     }
     if let Some(path) = &args.parquet {
-        table::write_parquet(path, flown).map_err(|error| InputError::new(error.to_string()).in_file(path))?;
+        let table = table::parquet(flown).map_err(|error| output::failed(path, &error))?;
+        output::write(path, &table)?;
         cli.note(&format!("table: {}", path.display()));
     }
     Ok(())
@@ -189,38 +200,125 @@ pub(super) fn fly_suite(cli: &Cli, args: &SuiteCommand) -> Result<ExitCode, Inpu
     let jobs = args.jobs.map_or_else(processors, |jobs| jobs as usize);
     let progress = cli.bar("flying", flights.len() as u64, "");
     let failed = std::sync::atomic::AtomicUsize::new(0);
-    let flown = suite::fly_all(&flights, planner, estimator, jobs, |flown| {
+    let header = args
+        .shard
+        .unwrap_or_else(Shard::whole)
+        .header(count, shard::fingerprint(&suite, &selection, cli.seed, planner, estimator)?);
+    claim_results(cli, args, &flights)?;
+    let journal = journal_of(cli, args, &header)?;
+    let before = journal.as_ref().map(|journal| journal.flown().clone()).unwrap_or_default();
+    progress.inc(before.len() as u64);
+    let rest: Vec<(usize, &Flight)> =
+        flights.iter().enumerate().filter(|(number, _)| !before.contains_key(number)).collect();
+    let stop = stop_flag()?;
+    let flown = suite::fly_until(&rest, planner, estimator, jobs, &stop, |number, flown| {
+        if let Some(journal) = &journal {
+            journal.add(number, flown)?;
+        }
         if flown.result != Ending::Reached {
             let count = failed.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
             progress.set_message(format!(", {count} not reached"));
         }
         progress.inc(1);
+        Ok(())
     });
     progress.finish_and_clear();
-    let flown = flown?;
+    let now = rest.iter().zip(flown?).filter_map(|((number, _), flown)| Some((*number, flown?)));
+    let mut flown = before;
+    flown.extend(now);
+    let done = flown.len();
+    let flown: Vec<Flown> = flown.into_values().collect();
     let code = show(cli, &flown)?;
+    if done < flights.len() {
+        let kept = match &journal {
+            Some(journal) => format!("kept in {}, --resume goes on", journal.path().display()),
+            None => "with --json they are kept only where --out or --resume is given".to_owned(),
+        };
+        warn(&format!("interrupted after {done} of {} flights: {kept}", flights.len()));
+        return Ok(interrupted());
+    }
+    write_results(cli, args, &header, &flights, &flown)?;
+    if let Some(journal) = journal {
+        let folder = journal.path().parent().map(Path::to_path_buf);
+        journal.remove()?;
+        // Nothing else may be in it, where nothing was to be written.
+        let _ = folder.filter(|_| cli.out.is_none()).map(std::fs::remove_dir);
+    }
+    Ok(code)
+}
+
+/// The journal of the flights, where one is kept.
+fn journal_of(cli: &Cli, args: &SuiteCommand, header: &shard::Header) -> Result<Option<Journal>, InputError> {
+    let is_asked = cli.out.is_some() || args.resume || args.shard.is_some();
+    if cli.json && !is_asked {
+        return Ok(None);
+    }
+    let folder = cli.out.as_deref().unwrap_or_else(|| Path::new("out"));
+    if !is_asked && let Err(error) = std::fs::create_dir_all(folder) {
+        cli.note(&format!("note: {}: {error}: what is flown is not kept if this is ended", folder.display()));
+        return Ok(None);
+    }
+    // A shard is the same every time: who hands it out again need not know that it was begun.
+    let before = match (args.resume || args.shard.is_some(), cli.force) {
+        (true, _) => Before::Resume,
+        (false, true) => Before::Discard,
+        (false, false) => Before::Refuse,
+    };
+    let journal = Journal::open(folder, &journal::Header::new(header.clone()), before)?;
+    if args.resume {
+        let (done, path) = (journal.flown().len(), journal.path().display());
+        cli.note(&match done {
+            0 => format!("nothing of this suite with these options was flown in {}: it begins", folder.display()),
+            _ => format!("goes on after {done} flights of {path}"),
+        });
+    }
+    Ok(Some(journal))
+}
+
+/// Makes sure before the flights that their results can be written.
+fn claim_results(cli: &Cli, args: &SuiteCommand, flights: &[Flight]) -> Result<(), InputError> {
+    // What is resumed may have been ended while it wrote these; a shard is the same every time.
+    let Some(folder) = cli.out.as_ref().filter(|_| !args.resume && args.shard.is_none()) else { return Ok(()) };
+    cli.claim(&folder.join("flights.jsonl"))?;
+    match flights {
+        [flight] => ["json", "svg"].iter().try_for_each(|ending| cli.claim(&path_of(folder, flight, ending))),
+        _ => Ok(()),
+    }
+}
+
+fn path_of(folder: &Path, flight: &Flight, ending: &str) -> PathBuf {
+    let suite::Place { row, instance, pair } = flight.place;
+    folder.join(format!("flight-{row}-{instance}-{pair}.{ending}"))
+}
+
+/// Writes all files that were asked for.
+fn write_results(
+    cli: &Cli,
+    args: &SuiteCommand,
+    header: &shard::Header,
+    flights: &[Flight],
+    flown: &[Flown],
+) -> Result<(), InputError> {
     if let Some(shard) = args.shard {
-        let header = shard.header(count, shard::fingerprint(&suite, &selection, cli.seed, planner, estimator)?);
         let folder = cli.out.as_deref().unwrap_or_else(|| Path::new("out"));
         let path = folder.join(shard.file_name());
-        write_text(&path, &(json_line(&header)? + &lines(&flown)?))?;
+        write_text(&path, &(json_line(header)? + &lines(flown)?))?;
         cli.note(&format!("shard: {}", path.display()));
-        return Ok(code);
+        return Ok(());
     }
-    write_tables(cli, args, &flown)?;
+    write_tables(cli, args, flown)?;
     if let Some(folder) = &cli.out {
-        write_flights(cli, folder, &flown)?;
-        if let [flight] = flights.as_slice() {
-            let suite::Place { row, instance, pair } = flight.place;
-            let path = |ending: &str| folder.join(format!("flight-{row}-{instance}-{pair}.{ending}"));
+        write_flights(cli, folder, flown)?;
+        if let [flight] = flights {
+            let path = |ending: &str| path_of(folder, flight, ending);
             write_text(&path("json"), &json_line(&flight.scenario)?)?;
-            let (_, record) = flight.fly(planner, estimator)?;
+            let (_, record) = flight.fly(args.planner, args.estimator.into())?;
             plot::draw(&record, &path("svg"))?;
             cli.note(&format!("picture: {}", path("svg").display()));
             cli.note(&format!("again: foxhound fly --scenario {} --seed {}", path("json").display(), flight.seed));
         }
     }
-    Ok(code)
+    Ok(())
 }
 
 /// Says what flights came to; whether all did as they should.

@@ -4,12 +4,14 @@
 //! `NO_COLOR` is set. No information is in a colour alone.
 
 use std::io::{self, Write as _};
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use anstyle::{AnsiColor, Style};
 use foxhound_sim::scenario::input::InputError;
+use foxhound_sim::scenario::output;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::Cli;
@@ -26,9 +28,28 @@ pub(super) const BAD: Style = AnsiColor::Red.on_default().bold();
 /// Time between two updates of a progress line.
 const TICK: Duration = Duration::from_millis(120);
 
-/// Writes to stdout; a reader that has closed the pipe is not our error.
+/// The first thing that went wrong with stdout.
+static BROKEN: Mutex<Option<String>> = Mutex::new(None);
+
+/// Remembers that stdout takes no more; a reader that has gone away is not our error.
+fn notice(written: io::Result<()>) {
+    if let Err(error) = written
+        && error.kind() != io::ErrorKind::BrokenPipe
+    {
+        BROKEN.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| output::reason(&error));
+    }
+}
+
+/// What is wrong with stdout, when all has been said.
+pub(super) fn unsaid() -> Option<InputError> {
+    notice(io::stdout().lock().flush());
+    let broken = BROKEN.lock().unwrap_or_else(PoisonError::into_inner).take();
+    broken.map(|why| InputError::new(format!("standard output: {why}")))
+}
+
+/// Writes to stdout.
 pub(super) fn say(text: &str) {
-    let _ = io::stdout().lock().write_all(text.as_bytes());
+    notice(io::stdout().lock().write_all(text.as_bytes()));
 }
 
 /// Writes a text for people to stdout, with the first line of each part as a heading.
@@ -48,7 +69,7 @@ pub(super) fn show_as(first: Style, text: &str) {
         }
         style = words.is_empty().then_some(HEADING);
     }
-    let _ = anstream::stdout().lock().write_all(styled.as_bytes());
+    notice(anstream::stdout().lock().write_all(styled.as_bytes()));
 }
 
 /// Writes a line to stderr even with `--quiet`: a warning, or half of an answer.
@@ -61,13 +82,36 @@ pub(super) fn warn(text: &str) {
     let _ = writeln!(anstream::stderr(), "{label}{rest}");
 }
 
+/// The signals by which a program is told to end.
+const SIGNALS: [i32; 3] = [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP];
+
+/// The signal that came, or 0.
+static CAME: OnceLock<Arc<AtomicUsize>> = OnceLock::new();
+
+/// A file that grows beyond what is allowed is an error of writing, as a full disk is, and not the end of the program.
+pub(super) fn survive_limits() -> io::Result<()> {
+    signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::new(AtomicBool::new(false))).map(drop)
+}
+
 /// A flag that is set by Ctrl-C or by a signal to end.
 pub(super) fn stop_flag() -> Result<Arc<AtomicBool>, InputError> {
+    use signal_hook::flag::{register, register_conditional_shutdown, register_usize};
     let flag = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&flag)).map_err(|error| InputError::new(error.to_string()))?;
+    let came = CAME.get_or_init(Arc::default);
+    for signal in SIGNALS {
+        // In this order: the second time it ends at once.
+        register_conditional_shutdown(signal, 128 + signal, Arc::clone(&flag))
+            .and_then(|_| register_usize(signal, Arc::clone(came), signal.unsigned_abs() as usize))
+            .and_then(|_| register(signal, Arc::clone(&flag)))
+            .map_err(|error| InputError::new(error.to_string()))?;
     }
     Ok(flag)
+}
+
+/// The exit status of a program that was told to end before it was done, as shells have it: 130 after Ctrl-C, 143 after SIGTERM.
+pub(super) fn interrupted() -> ExitCode {
+    let signal = CAME.get().map_or(0, |came| came.load(Ordering::Relaxed));
+    ExitCode::from(u8::try_from(128 + signal).unwrap_or(1))
 }
 
 impl Cli {

@@ -21,26 +21,23 @@ use std::time::{Duration, Instant as WallInstant, SystemTime, UNIX_EPOCH};
 
 use foxhound_core::ConfigError;
 use foxhound_core::base::time::Instant;
-use foxhound_core::doa::bearing::Estimator;
+use foxhound_core::doa::bearing::{Bearing, Estimator};
 use foxhound_core::guidance::mission::{Behaviour, Outcome};
 use foxhound_core::guidance::{self, FrontEnd};
 use foxhound_core::planning::planner;
 use foxhound_link::companion::Autopilot;
 use foxhound_link::signing::Key;
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use super::computer::{Computer, StepReport};
 use super::flight::{Ending, Mission, Moment, Report, TICK_S};
 use crate::autopilot::tlog;
 use crate::autopilot::transport::Line;
-use crate::scenario::input::{
-    DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, check, check_within, parse_strictly,
-};
+use crate::scenario::input::{DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, check, check_within};
 use crate::scenario::{self, Obstacle, Scenario, VehicleModel};
 use crate::world::Horizontal;
 
 mod key;
+mod obstacle_file;
 mod pace;
 mod provider;
 mod senses;
@@ -48,6 +45,7 @@ mod tally;
 mod wire;
 
 pub use key::{parse_key, signing};
+pub use obstacle_file::parse_obstacles;
 pub use pace::Pace;
 pub use provider::{Eyes, Provider};
 use senses::{Fix, Senses};
@@ -118,6 +116,8 @@ impl Ends {
 pub struct Config {
     /// The beacon, in the autopilot's local frame.
     pub source_ned_m: [f64; 3],
+    /// Whether its position is known; if not, the distance from it is neither checked nor reported.
+    pub is_source_known: bool,
     /// Who provides the obstacles; those of a file are in the same frame.
     pub obstacles: Provider,
     /// Horizontal speed of the fastest setpoint.
@@ -205,39 +205,10 @@ impl Config {
     }
 }
 
-#[derive(Default, Deserialize, Serialize)]
-struct ObstacleFile {
-    obstacles: Vec<Cylinder>,
-}
-
-#[derive(Deserialize, Serialize)]
-struct Cylinder {
-    x: f64,
-    y: f64,
-    r: f64,
-}
-
-/// Reads an obstacle file: `{"obstacles": [{"x", "y", "r"}]}`, vertical cylinders, x east, y north, metres.
-///
-/// # Errors
-/// The path of the first key that is unknown, missing, of the wrong type or out of range.
-pub fn parse_obstacles(text: &str) -> Result<Vec<Obstacle>, InputError> {
-    // A derived reader would accept a list as an object; text that is not JSON is refused below, with its position.
-    if let Ok(value) = serde_json::from_str::<Value>(text) {
-        let entries = value.get("obstacles").and_then(Value::as_array).into_iter().flatten().enumerate();
-        let mut places = entries.map(|(index, entry)| (format!("obstacles[{index}]"), entry));
-        let first = Some(("the file".to_owned(), &value));
-        if let Some((path, _)) = first.into_iter().chain(&mut places).find(|(_, value)| !value.is_object()) {
-            return Err(InputError::new(format!("{path}: expected an object {{...}}")));
-        }
-    }
-    let known = ["obstacles", "obstacles[].x", "obstacles[].y", "obstacles[].r"];
-    let mut document = serde_json::Deserializer::from_str(text);
-    let file: ObstacleFile = parse_strictly(&mut document, &known)?;
-    document.end().map_err(|error| InputError::new(error.to_string()))?;
-    let obstacle = |Cylinder { x, y, r }| Obstacle { x, y, r, ..Obstacle::default() };
-    let obstacles = file.obstacles.into_iter().map(obstacle).collect();
-    Ok(Scenario { obstacles, ..Scenario::default() }.checked()?.obstacles)
+/// Bearings of a radio, in place of the simulated antennas.
+pub trait Bearings {
+    /// The newest usable bearing since the last call, if any.
+    fn poll(&mut self, now: Instant) -> Option<Bearing>;
 }
 
 /// The state of the flight, given once per step.
@@ -301,7 +272,8 @@ pub fn nobody_there(config: &Config) -> Report {
 }
 
 /// Flies with a computer until the flight ends; `stop` ends it at any time. `watch` is called with the state and, while
-/// the autopilot reports the vehicle's position, with the step, in which that position stands for the true one.
+/// the autopilot reports the vehicle's position, with the step, in which that position stands for the true one. With
+/// `bearings`, these replace the simulated antennas, which then deliver nothing.
 ///
 /// # Errors
 /// The field of the link's configuration that is refused.
@@ -310,6 +282,7 @@ pub fn fly(
     computer: &mut dyn Computer,
     line: &mut Line,
     log: Option<&mut tlog::Writer>,
+    bearings: Option<&mut dyn Bearings>,
     stop: &AtomicBool,
     watch: impl FnMut(&News, Option<&Moment<'_>>),
 ) -> Result<Flown, ConfigError> {
@@ -321,6 +294,7 @@ pub fn fly(
         config,
         line,
         log,
+        bearings,
         source,
         senses: Senses::new(config.source_ned_m, config.snr_db, world, config.seed, sign(), &config.obstacles)?,
         tally: Tally::new(source, config.drone_radius_m),
@@ -336,10 +310,11 @@ pub fn fly(
     Ok(Flown { report, complaints: flight.complaints, missed_steps: pace.missed })
 }
 
-struct Flight<'a> {
+struct Flight<'a, 'b> {
     config: &'a Config,
     line: &'a mut Line,
     log: Option<&'a mut tlog::Writer>,
+    bearings: Option<&'a mut (dyn Bearings + 'b)>,
     source: Horizontal,
     senses: Senses,
     tally: Tally,
@@ -380,7 +355,7 @@ const fn parting(ending: Ending) -> &'static str {
         Ending::Reached => "Foxhound: reached the beacon, take over",
         Ending::Hold => "Foxhound: gives up and holds, take over",
         Ending::Collision => "Foxhound: simulated collision, take over",
-        Ending::Timeout => "Foxhound: ends on the way, take over",
+        Ending::Timeout | Ending::Interrupted => "Foxhound: ends on the way, take over",
     }
 }
 
@@ -393,7 +368,7 @@ struct Brake {
     pause_due: Instant,
 }
 
-impl Flight<'_> {
+impl Flight<'_, '_> {
     fn fly(
         &mut self,
         computer: &mut dyn Computer,
@@ -449,7 +424,9 @@ impl Flight<'_> {
                 hears_mavlink_1: self.senses.hears_mavlink_1(),
                 outcome,
                 eyes: self.senses.eyes(),
-                distance_m: fix.map(|fix| self.source.minus(fix.place()).norm()),
+                distance_m: fix
+                    .filter(|_| self.config.is_source_known)
+                    .map(|fix| self.source.minus(fix.place()).norm()),
                 ending: brake.map(|brake| brake.ending),
             };
             let moves = fix.map(|fix| fix.moves(time_s, outcome));
@@ -489,7 +466,8 @@ impl Flight<'_> {
         outcome: Outcome,
         stop: &AtomicBool,
     ) -> Option<Brake> {
-        let is_near = |fix: &Fix| self.source.minus(fix.place()).norm() <= ARRIVED_M;
+        let is_known = self.config.is_source_known;
+        let is_near = |fix: &Fix| is_known && self.source.minus(fix.place()).norm() <= ARRIVED_M;
         let has_ended = self.arrival.has_ended(now, in_control);
         let arrived = |fix: &Fix| if self.config.ends == Ends::Near { in_control && is_near(fix) } else { has_ended };
         let is_late = |limit_s: f64| now.0 as f64 * 1e-6 >= limit_s;
@@ -500,7 +478,9 @@ impl Flight<'_> {
             (Ending::Reached, Outcome::Nominal)
         } else if outcome == Outcome::GoalUnreachable && self.tally.is_still(now) {
             (Ending::Hold, outcome)
-        } else if stop.load(Ordering::Relaxed) || self.config.max_time_s.is_some_and(is_late) {
+        } else if stop.load(Ordering::Relaxed) {
+            (Ending::Interrupted, outcome)
+        } else if self.config.max_time_s.is_some_and(is_late) {
             (if holds { Ending::Hold } else { Ending::Timeout }, outcome)
         } else {
             return None;
@@ -546,13 +526,17 @@ impl Flight<'_> {
         fix: Option<&Fix>,
         rx: &[u8],
     ) -> Result<StepReport, String> {
-        let snapshot = fix.map(|fix| self.senses.hear(now, fix));
-        let front_end = snapshot.as_deref().map_or(FrontEnd::Nothing, FrontEnd::Frame);
+        let heard = self.bearings.as_deref_mut().map(|bearings| bearings.poll(now));
+        let snapshot = fix.filter(|_| heard.is_none()).map(|fix| self.senses.hear(now, fix));
+        let front_end = match heard {
+            Some(bearing) => bearing.map_or(FrontEnd::Nothing, FrontEnd::Bearing),
+            None => snapshot.as_deref().map_or(FrontEnd::Nothing, FrontEnd::Frame),
+        };
         let circles = fix.and_then(|fix| self.senses.look(now, fix));
         let report = computer.step(now, front_end, circles.as_deref(), rx).map_err(|error| error.to_string())?;
         self.wire.watch(now, &report.tx);
         self.say(now, &report.tx);
-        self.tally.hear(&report.output, fix, report.plan.is_some());
+        self.tally.hear(&report.output, fix.filter(|_| self.config.is_source_known), report.plan.is_some());
         Ok(report)
     }
 
@@ -580,7 +564,7 @@ impl Flight<'_> {
         if let Some(log) = self.log.as_deref_mut()
             && let Err(error) = log.bytes(self.started_us + now.0, direction, bytes)
         {
-            self.complaints.push(format!("--tlog: {error}"));
+            self.complaints.push(format!("--tlog {error}"));
             self.log = None;
         }
     }

@@ -8,6 +8,8 @@
 //! If the scenario has a landing the flight goes on until the vehicle has landed, or hovers and hands over: *reached*
 //! then means on the ground within the pad, or in the air within the goal tolerance of the beacon.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use foxhound_core::base::time::Instant;
 use foxhound_core::control::vehicle_model;
 use foxhound_core::doa::bearing::Estimator;
@@ -53,6 +55,9 @@ const EXPLORE_MARGIN_M: f64 = 0.05;
 /// Sigma of a bearing that is known exactly, so that no weight is infinite.
 const SIGMA_FLOOR_RAD: f64 = 1e-3;
 
+/// Bearings of a slow radio may be so many periods old.
+const RATE_PATIENCE: f32 = 3.5;
+
 /// A flight to be flown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mission {
@@ -75,9 +80,14 @@ impl Mission {
         config.set_vehicle_radius_m(scenario.drone_radius as f32);
         config.bearing.estimator = self.estimator;
         config.guard.v_max_mps = scenario.limits.v_max as f32;
+        config.guard.evade_max_mps = scenario.limits.v_evade as f32;
         config.guard.a_max_mps2 = scenario.limits.a_max as f32;
         if scenario.bearing.tone_known {
             config.phase.tone_hz = Some(Antennas::default().tone_hz as f32);
+        }
+        if let Some(rate_hz) = scenario.bearing.rate_hz {
+            // As a pilot with such a radio sets FH_BRG_AGE: two bearings may fail to come.
+            config.mission.bearing_age_max_s = config.mission.bearing_age_max_s.max(RATE_PATIENCE / rate_hz as f32);
         }
         let moves = scenario.goal_velocity.iter().any(|speed| *speed != 0.0);
         if !scenario.bearing.only && !moves {
@@ -129,7 +139,7 @@ impl Mission {
 /// Flies a mission with a computer; `watch` is called with the time as it passes.
 ///
 /// # Errors
-/// The computer fails, or the log cannot be written.
+/// The computer fails. What becomes of the log, its [`finish`](tlog::Writer::finish) says.
 pub fn fly(
     mission: &Mission,
     computer: &mut dyn Computer,
@@ -142,11 +152,25 @@ pub fn fly(
 /// The same; `watch` gets every step.
 ///
 /// # Errors
-/// The computer fails, or the log cannot be written.
+/// The computer fails. What becomes of the log, its [`finish`](tlog::Writer::finish) says.
 pub fn fly_watched(
     mission: &Mission,
     computer: &mut dyn Computer,
+    log: Option<&mut tlog::Writer>,
+    watch: impl FnMut(&Moment<'_>),
+) -> Result<Record, FlightError> {
+    fly_until(mission, computer, log, &AtomicBool::new(false), watch)
+}
+
+/// The same, until `stop` is set: then the flight ends as [`Ending::Interrupted`].
+///
+/// # Errors
+/// The computer fails. What becomes of the log, its [`finish`](tlog::Writer::finish) says.
+pub fn fly_until(
+    mission: &Mission,
+    computer: &mut dyn Computer,
     mut log: Option<&mut tlog::Writer>,
+    stop: &AtomicBool,
     mut watch: impl FnMut(&Moment<'_>),
 ) -> Result<Record, FlightError> {
     let scenario = &mission.scenario;
@@ -199,8 +223,9 @@ pub fn fly_watched(
             let heard = receiver.receive(&rig.world, &motion.pose, now, time_s);
             let report = computer.step(now, heard.front_end(), sensed.circles.as_deref(), &sensed.rx)?;
             if let Some(log) = log.as_deref_mut() {
-                log.bytes(now_us, tlog::Direction::ToCompanion, &sensed.rx)?;
-                log.bytes(now_us, tlog::Direction::ToAutopilot, &report.tx)?;
+                // Its end says what went wrong; the flight goes on without it.
+                let _ = log.bytes(now_us, tlog::Direction::ToCompanion, &sensed.rx);
+                let _ = log.bytes(now_us, tlog::Direction::ToAutopilot, &report.tx);
             }
             if let Some(bearing_ned_rad) = report.output.bearing_ned_rad {
                 let truth_rad = rig.world.source_at(time_s).minus(position).bearing_rad();
@@ -242,6 +267,8 @@ pub fn fly_watched(
             ending = Some(if is_reached { Ending::Reached } else { Ending::Hold });
         } else if output.outcome == Outcome::GoalUnreachable && is_still(&path) {
             ending = Some(Ending::Hold);
+        } else if stop.load(Ordering::Relaxed) {
+            ending = Some(Ending::Interrupted);
         }
     }
 
@@ -264,6 +291,7 @@ pub fn fly_watched(
         time_s,
         path_length_m,
         straight_line_m: rig.world.source_at(time_s).minus(start).norm(),
+        to_beacon_m: rig.world.source_at(time_s).minus(horizontal(&rig.vehicle.motion.pose)).norm(),
         min_clearance_m: Some(rig.hull.min_clearance_m).filter(|clearance| clearance.is_finite()),
         collisions: Some(u32::from(result == Ending::Collision)),
         obstacles: None,

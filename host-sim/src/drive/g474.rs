@@ -11,6 +11,7 @@ use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
+use super::child::ends_with_us;
 use foxhound_core::base::adc::AdcFrame;
 use object::{Object as _, ObjectSection as _};
 use serde::{Deserialize, Deserializer};
@@ -151,7 +152,7 @@ impl Board {
             command.arg("--no-crystal");
         }
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let mut child = command
+        let mut child = ends_with_us(&mut command)
             .spawn()
             .map_err(|error| G474Error::Start(format!("{} does not start: {error}", python.display())))?;
         let (Some(input), Some(output)) = (child.stdin.take(), child.stdout.take()) else {

@@ -13,6 +13,7 @@
 //! | [`replay`] | repeats a flight from its log |
 
 pub mod campaign;
+mod child;
 pub mod companion;
 pub mod computer;
 pub mod flight;

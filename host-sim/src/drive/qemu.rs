@@ -22,6 +22,7 @@ use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant as WallInstant};
 
+use super::child::ends_with_us;
 use foxhound_computer::twin::{self, BLOCK_BYTES, Fault, Planned, Ready, Report, Setup, Step};
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
@@ -34,7 +35,7 @@ mod image;
 mod port;
 
 pub use error::QemuError;
-use folder::Folder;
+use folder::{Console, Folder};
 use image::check_image;
 use port::Port;
 
@@ -50,7 +51,7 @@ const LOOK_ROUND: Duration = Duration::from_millis(20);
 #[derive(Debug)]
 pub struct QemuComputer {
     qemu: Child,
-    folder: Folder,
+    console: Console,
     memory: File,
     mavlink: UnixStream,
     bell: UnixStream,
@@ -134,7 +135,9 @@ impl QemuComputer {
         check_image(elf)?;
         let folder = Folder::create()?;
         let memory_path = folder.file("memory");
-        let memory = File::options().read(true).write(true).create_new(true).open(&memory_path)?;
+        let memory = folder.create_file("memory")?;
+        let console = Console::create(&folder)?;
+        let [stdout, stderr] = console.handles()?;
         memory.set_len(16 << 20)?;
         let listen = |name| UnixListener::bind(folder.file(name));
         let (mavlink, bell) = (listen("mavlink")?, listen("bell")?);
@@ -146,7 +149,8 @@ impl QemuComputer {
         } else {
             format!("pipe,id=port,path={}", folder.file("port").display())
         };
-        let mut qemu = Command::new("qemu-system-arm")
+        let mut command = Command::new("qemu-system-arm");
+        command
             .args(["-M", "mps2-an386,memory-backend=ram", "-display", "none", "-monitor", "none", "-nic", "none"])
             .args(["-icount", "shift=8", "-semihosting-config", "enable=on,target=native"])
             .arg("-object")
@@ -158,10 +162,9 @@ impl QemuComputer {
             .arg("-kernel")
             .arg(elf)
             .stdin(Stdio::null())
-            .stdout(File::create(folder.file("stdout"))?)
-            .stderr(File::create(folder.file("stderr"))?)
-            .spawn()
-            .map_err(QemuError::Start)?;
+            .stdout(stdout)
+            .stderr(stderr);
+        let mut qemu = ends_with_us(&mut command).spawn().map_err(QemuError::Start)?;
         keep_together(&qemu);
         let connected = accept(&mavlink, &mut qemu).and_then(|mavlink| Ok((mavlink, accept(&bell, &mut qemu)?)));
         let (mavlink, bell) = match connected {
@@ -170,10 +173,7 @@ impl QemuComputer {
                 // It may be gone already.
                 let _ = qemu.kill();
                 let _ = qemu.wait();
-                return Err(QemuError::Lost {
-                    what: format!("QEMU did not start: {error}"),
-                    console: folder.console(),
-                });
+                return Err(QemuError::Lost { what: format!("QEMU did not start: {error}"), console: console.text() });
             }
         };
         mavlink.set_read_timeout(Some(PATIENCE))?;
@@ -181,7 +181,7 @@ impl QemuComputer {
 
         let mut computer = Self {
             qemu,
-            folder,
+            console,
             memory,
             mavlink,
             bell,
@@ -200,6 +200,8 @@ impl QemuComputer {
             port,
         };
         computer.await_boot()?;
+        // QEMU has opened everything in it.
+        drop(folder);
         computer.set_up(setup)?;
         Ok(computer)
     }
@@ -453,7 +455,7 @@ impl QemuComputer {
             Ok(Some(status)) => format!("{what}; QEMU has ended with {status}"),
             _ => what,
         };
-        QemuError::Lost { what, console: self.folder.console() }
+        QemuError::Lost { what, console: self.console.text() }
     }
 }
 

@@ -8,6 +8,7 @@
 //! numbers, and the sums are taken in the order of the file.
 
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::planning::planner;
@@ -23,6 +24,7 @@ use super::maps::{Pair, Pillar};
 use crate::scenario::input::{InputError, check, parse_strictly, read_text};
 use crate::scenario::{Bearing, FLIGHT_KEYS, Limits, Obstacle, Scenario, Sensor, Vehicle};
 
+pub mod journal;
 mod report;
 pub mod shard;
 
@@ -182,6 +184,12 @@ impl Suite {
                     check(&format!("maps[{k}].pairs[{n}][{axis}]"), *value, -far, far)?;
                 }
                 check(&format!("maps[{k}].pairs[{n}][4]"), pair[4], 0.0, 10.0 * far)?;
+                let is_inside = |[x, y, r]: &Pillar| libm::hypot(x - pair[0], y - pair[1]) < *r;
+                if let Some(pillar) = map.obstacles.iter().position(is_inside) {
+                    let [x, y, ..] = pair;
+                    let text = format!("maps[{k}].pairs[{n}]: the start [{x}, {y}] is inside obstacles[{pillar}]");
+                    return Err(InputError::new(text));
+                }
             }
         }
         Ok(self)
@@ -325,9 +333,18 @@ impl Flight {
     /// # Errors
     /// The configuration is refused, or the computer fails.
     pub fn fly(&self, planner: planner::Config, estimator: Estimator) -> Result<(Flown, Record), InputError> {
+        self.fly_until(planner, estimator, &AtomicBool::new(false))
+    }
+
+    fn fly_until(
+        &self,
+        planner: planner::Config,
+        estimator: Estimator,
+        stop: &AtomicBool,
+    ) -> Result<(Flown, Record), InputError> {
         let mission = self.mission(planner, estimator);
         let mut computer = HostComputer::new(&mission.guidance())?;
-        let record = flight::fly(&mission, &mut computer, None, |_| ())
+        let record = flight::fly_until(&mission, &mut computer, None, stop, |_| ())
             .map_err(|error| InputError::new(format!("{}: {error}", self.scenario.name)))?;
         Ok((Flown::of(self, &record), record))
     }
@@ -394,6 +411,7 @@ impl Flown {
             Ending::Collision => "collision".to_owned(),
             Ending::Hold => format!("hold: {}", self.reason),
             Ending::Timeout => format!("timeout: {}", self.reason),
+            Ending::Interrupted => "interrupted".to_owned(),
         }
     }
 }
@@ -409,13 +427,41 @@ pub fn fly_all(
     jobs: usize,
     watch: impl Fn(&Flown) + Sync,
 ) -> Result<Vec<Flown>, InputError> {
+    let flights: Vec<(usize, &Flight)> = flights.iter().enumerate().collect();
+    let watch = |_, flown: &Flown| {
+        watch(flown);
+        Ok(())
+    };
+    let flown = fly_until(&flights, planner, estimator, jobs, &AtomicBool::new(false), watch)?;
+    Ok(flown.into_iter().flatten().collect())
+}
+
+/// The same with flights that have numbers, until `stop` is set: flights that were not finished then are none. An error of
+/// `watch` ends it as well.
+///
+/// # Errors
+/// The configuration is refused, a computer fails, or `watch` does.
+pub fn fly_until(
+    flights: &[(usize, &Flight)],
+    planner: planner::Config,
+    estimator: Estimator,
+    jobs: usize,
+    stop: &AtomicBool,
+    watch: impl Fn(usize, &Flown) -> Result<(), InputError> + Sync,
+) -> Result<Vec<Option<Flown>>, InputError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).stack_size(STACK_BYTES).build();
     let pool = pool.map_err(|error| InputError::new(format!("--jobs {jobs}: {error}")))?;
     pool.install(|| {
-        let one = |flight: &Flight| {
-            let (flown, _) = flight.fly(planner, estimator)?;
-            watch(&flown);
-            Ok(flown)
+        let one = |(number, flight): &(usize, &Flight)| {
+            if stop.load(Ordering::Relaxed) {
+                return Ok(None);
+            }
+            let (flown, _) = flight.fly_until(planner, estimator, stop)?;
+            if flown.result == Ending::Interrupted {
+                return Ok(None);
+            }
+            watch(*number, &flown)?;
+            Ok(Some(flown))
         };
         flights.par_iter().map(one).collect()
     })

@@ -4,11 +4,13 @@
 //! |---|---|
 //! | [`report`] | one interactive HTML page, or a live page |
 //! | [`mcap`] | MCAP files |
+//! | [`listening`] | what a recording or a radio tells, as a page |
 //! | [`maps`] | the picture of a suite's maps |
 //! | [`plot`] | the picture of a flight |
 //! | [`table`] | the flights of a suite, as CSV and Parquet |
 //! | `sheet` | what all pictures share |
 
+pub mod listening;
 pub mod maps;
 pub mod mcap;
 pub mod plot;

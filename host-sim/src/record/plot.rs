@@ -4,8 +4,6 @@
 //! averaged down from the oversize page to half of it.
 
 use std::f64::consts::TAU;
-use std::fs;
-use std::io::BufWriter;
 use std::path::Path;
 
 use plotters::coord::Shift;
@@ -21,6 +19,7 @@ use super::sheet::{
 use crate::drive::flight::{Ending, Record};
 use crate::scenario::VehicleModel;
 use crate::scenario::input::InputError;
+use crate::scenario::output;
 use crate::world::{Horizontal, Pillar, from_core};
 
 const PAGE: (u32, u32) = (1280, 960);
@@ -62,7 +61,7 @@ pub fn draw(record: &Record, path: &Path) -> Result<(), InputError> {
     match path.extension().and_then(|ending| ending.to_str()) {
         Some("svg") => write_svg(path, [f64::from(PAGE.0), f64::from(PAGE.1)], |area| page(area, record)),
         Some("png") => {
-            sheet::prepare(path)?;
+            sheet::prepare()?;
             let (width, height) = (PAGE.0 * OVERSIZE, PAGE.1 * OVERSIZE);
             let mut pixels = vec![0; (width * height * 3) as usize];
             let area = BitMapBackend::with_buffer(&mut pixels, (width, height)).into_drawing_area();
@@ -71,14 +70,15 @@ pub fn draw(record: &Record, path: &Path) -> Result<(), InputError> {
                 .and_then(|()| area.present())
                 .map_err(|error| sheet::failed(path, &error))?;
             drop(area);
-            write_png(&pixels, width, path).map_err(|error| sheet::failed(path, &error))
+            let png = png_of(&pixels, width).map_err(|error| sheet::failed(path, &error))?;
+            output::write(path, &png)
         }
         _ => Err(sheet::failed(path, &"a plot ends in .svg or .png")),
     }
 }
 
-/// Averages blocks of pixels, which smooths every edge, and writes them.
-fn write_png(pixels: &[u8], width: u32, path: &Path) -> Result<(), png::EncodingError> {
+/// Averages blocks of pixels, which smooths every edge.
+fn png_of(pixels: &[u8], width: u32) -> Result<Vec<u8>, png::EncodingError> {
     let n = PNG_REDUCTION as usize;
     let row_bytes = width as usize * 3;
     let (out_width, out_height) = (width as usize / n, pixels.len() / row_bytes / n);
@@ -91,10 +91,12 @@ fn write_png(pixels: &[u8], width: u32, path: &Path) -> Result<(), png::Encoding
             }
         }
     }
-    let mut encoder = png::Encoder::new(BufWriter::new(fs::File::create(path)?), out_width as u32, out_height as u32);
+    let mut png = Vec::new();
+    let mut encoder = png::Encoder::new(&mut png, out_width as u32, out_height as u32);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
-    encoder.write_header()?.write_image_data(&reduced)
+    encoder.write_header()?.write_image_data(&reduced)?;
+    Ok(png)
 }
 
 /// A page that takes points and, inside the map, metres.
@@ -354,6 +356,7 @@ fn legend<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
         Ending::Hold => (BAD, "hold"),
         Ending::Collision => (BAD, "collision"),
         Ending::Timeout => (BAD, "timeout"),
+        Ending::Interrupted => (BAD, "interrupted"),
     };
     page.rectangle([left, 116.0, 280.0, 34.0], fill(color, 0.12))?;
     page.rectangle([left, 116.0, 4.0, 34.0], fill(color, 1.0))?;

@@ -3,7 +3,6 @@
 //! The drawing library has whole pixels only: a sheet is drawn [`OVERSIZE`] times as large and shown at its size.
 
 use std::fmt;
-use std::fs;
 use std::io;
 use std::path::Path;
 
@@ -17,6 +16,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{Color as _, ShapeStyle, register_font};
 
 use crate::scenario::input::InputError;
+use crate::scenario::output;
 
 /// Pixels of a point.
 pub(crate) const OVERSIZE: u32 = 4;
@@ -33,14 +33,10 @@ pub(crate) type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>
 /// Position of the anchor in a text.
 pub(crate) type Anchor = (HPos, VPos);
 
-/// Prepares a picture: loads the font, and creates the folder.
-pub(crate) fn prepare(path: &Path) -> Result<(), InputError> {
+/// Prepares a picture: loads the font.
+pub(crate) fn prepare() -> Result<(), InputError> {
     register_font("sans-serif", FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)
-        .map_err(|_| InputError::new("the built-in font cannot be read"))?;
-    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        fs::create_dir_all(folder).map_err(|error| failed(path, &error))?;
-    }
-    Ok(())
+        .map_err(|_| InputError::new("the built-in font cannot be read"))
 }
 
 /// An error about a picture's file.
@@ -57,7 +53,7 @@ pub(crate) fn write_svg(
     page: [f64; 2],
     draw: impl FnOnce(&DrawingArea<SVGBackend<'_>, Shift>) -> Result<(), DrawingAreaErrorKind<io::Error>>,
 ) -> Result<(), InputError> {
-    prepare(path)?;
+    prepare()?;
     let size = page.map(|points| pixels(points) as u32);
     let mut svg = String::new();
     let area = SVGBackend::with_string(&mut svg, size.into()).into_drawing_area();
@@ -68,7 +64,7 @@ pub(crate) fn write_svg(
         &format!("height=\"{}\"", page[1]),
         1,
     );
-    fs::write(path, svg).map_err(|error| failed(path, &error))
+    output::write(path, svg.as_bytes())
 }
 
 pub(crate) fn pixels(points: f64) -> i32 {

@@ -4,8 +4,6 @@
 //! Parquet is written by Apache's own crate without its Arrow half and without compression: a flight takes about a
 //! hundred bytes. A missing number is an empty field, and a null.
 
-use std::fs::{self, File};
-use std::path::Path;
 use std::sync::Arc;
 
 use parquet::basic::{LogicalType, Repetition, Type as Physical};
@@ -76,6 +74,7 @@ const fn result(flown: &Flown) -> &str {
         Ending::Hold => "hold",
         Ending::Collision => "collision",
         Ending::Timeout => "timeout",
+        Ending::Interrupted => "interrupted",
     }
 }
 
@@ -96,19 +95,17 @@ pub fn csv(flown: &[Flown]) -> String {
     text
 }
 
-/// Writes the table as a Parquet file.
+/// The table as a Parquet file.
 ///
 /// # Errors
-/// The file cannot be written.
-pub fn write_parquet(path: &Path, flown: &[Flown]) -> Result<(), ParquetError> {
+/// None that a table of these columns can have.
+pub fn parquet(flown: &[Flown]) -> Result<Vec<u8>, ParquetError> {
     let fields: Result<Vec<_>, ParquetError> = COLUMNS.iter().map(|column| field(column).map(Arc::new)).collect();
     let schema = Type::group_type_builder("flights").with_fields(fields?).build()?;
     let properties =
         WriterProperties::builder().set_created_by(concat!("foxhound ", env!("CARGO_PKG_VERSION")).to_owned()).build();
-    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        fs::create_dir_all(folder)?;
-    }
-    let mut file = SerializedFileWriter::new(File::create(path)?, Arc::new(schema), Arc::new(properties))?;
+    let mut bytes = Vec::new();
+    let mut file = SerializedFileWriter::new(&mut bytes, Arc::new(schema), Arc::new(properties))?;
     let mut rows = file.next_row_group()?;
     for column in COLUMNS {
         if let Some(mut writer) = rows.next_column()? {
@@ -118,7 +115,7 @@ pub fn write_parquet(path: &Path, flown: &[Flown]) -> Result<(), ParquetError> {
     }
     rows.close()?;
     file.close()?;
-    Ok(())
+    Ok(bytes)
 }
 
 fn field(column: &Column) -> Result<Type, ParquetError> {

@@ -226,6 +226,7 @@ impl Scenario {
                 check(&path("turns_s"), obstacle.turns_s, 0.5, 3600.0)?;
             }
         }
+        self.refuse_start_inside()?;
         for (index, person) in self.people.iter().enumerate() {
             person.check(&format!("people[{index}]"), self.start)?;
         }
@@ -253,6 +254,19 @@ impl Scenario {
         }
         check("bearing.outlier.rate", self.bearing.outlier.rate, 0.0, 1.0)?;
         check("bearing.outlier.offset_deg", self.bearing.outlier.offset_deg, -360.0, 360.0)?;
+        check("bearing.place_bias_deg", self.bearing.place_bias_deg, 0.0, 45.0)?;
+        if let Some(rate_hz) = self.bearing.rate_hz {
+            check("bearing.rate_hz", rate_hz, 0.2, 50.0)?;
+        }
+        let needs_noise = [
+            ("bearing.place_bias_deg", self.bearing.place_bias_deg != 0.0),
+            ("bearing.rate_hz", self.bearing.rate_hz.is_some()),
+        ];
+        if let (Some((field, _)), BearingModel::Rf) =
+            (needs_noise.iter().find(|(_, is_set)| *is_set), self.bearing_model())
+        {
+            return Err(InputError::new(format!("{field}: only where bearing.model is `noise`")));
+        }
         if let Some(antenna) = self.antenna {
             check("antenna.exponent", antenna.exponent, 0.5, 8.0)?;
             check("antenna.front_to_back_db", antenna.front_to_back_db, 3.0, 40.0)?;
@@ -286,6 +300,7 @@ impl Scenario {
             landing.check()?;
         }
         check("limits.v_max", self.limits.v_max, 0.05, 20.0)?;
+        check("limits.v_evade", self.limits.v_evade, 0.0, 20.0)?;
         check("limits.a_max", self.limits.a_max, 0.1, 20.0)?;
         check("vehicle.lag_s", self.vehicle.lag_s, 0.0, 5.0)?;
         if self.explore_s != 0.0 {
@@ -308,6 +323,25 @@ impl Scenario {
             check("faults.clock_back_s", at, 0.0, 1e6)?;
         }
         Ok(self)
+    }
+
+    /// Nothing flies that begins inside of something. A hull that only touches may part from it.
+    fn refuse_start_inside(&self) -> Result<(), InputError> {
+        let [x, y] = self.start;
+        let pillars = self.obstacles.iter().enumerate().map(|(index, obstacle)| {
+            (format!("obstacles[{index}]"), libm::hypot(obstacle.x - x, obstacle.y - y) < obstacle.r)
+        });
+        let walls = self.walls.iter().enumerate().map(|(index, wall)| {
+            let [along_x, along_y] = [wall.x1 - wall.x0, wall.y1 - wall.y0];
+            let squared = (along_x * along_x + along_y * along_y).max(1e-12);
+            let share = (((x - wall.x0) * along_x + (y - wall.y0) * along_y) / squared).clamp(0.0, 1.0);
+            let away = libm::hypot(wall.x0 + share * along_x - x, wall.y0 + share * along_y - y);
+            (format!("walls[{index}]"), away < wall.r)
+        });
+        match pillars.chain(walls).find(|(_, is_inside)| *is_inside) {
+            Some((what, _)) => Err(InputError::new(format!("start = [{x}, {y}] is inside {what}"))),
+            None => Ok(()),
+        }
     }
 
     /// The same, with the people of its CSV file added.

@@ -4,7 +4,8 @@ use std::fmt;
 use std::ops::RangeInclusive;
 use std::path::Path;
 
-use serde::de::{DeserializeOwned, Deserializer};
+use serde::Deserialize;
+use serde::de::{DeserializeOwned, Deserializer, Error as _};
 
 /// Range of an option: radius of a vehicle.
 pub const DRONE_RADIUS_M: RangeInclusive<f64> = 0.01..=5.0;
@@ -92,6 +93,49 @@ where
         Some(path) => Err(unknown_key(&path, known)),
         None => Ok(parsed),
     }
+}
+
+/// A list of so many values: TOML's reader would drop what a longer one has more.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exactly<T, const N: usize>(pub [T; N]);
+
+impl<'de, T: Deserialize<'de>, const N: usize> Deserialize<'de> for Exactly<T, N> {
+    fn deserialize<D: Deserializer<'de>>(document: D) -> Result<Self, D::Error> {
+        let values = Vec::<T>::deserialize(document)?;
+        let count = values.len();
+        let exact = <[T; N]>::try_from(values);
+        exact.map(Self).map_err(|_| D::Error::custom(format_args!("{count} values, {N} are expected")))
+    }
+}
+
+/// Refuses a list where a TOML file should have a table, which a derived reader would take field after field. `[]` behind a
+/// name stands for every element.
+///
+/// # Errors
+/// The path of the first that is none.
+pub fn refuse_lists_for_tables(text: &str, paths: &[&str]) -> Result<(), InputError> {
+    // What is no TOML at all is refused by whoever reads it, with its place.
+    let Ok(document) = text.parse::<toml::Table>() else { return Ok(()) };
+    for path in paths {
+        let mut places = vec![(String::new(), toml::Value::Table(document.clone()))];
+        for key in path.split('.') {
+            let (name, each) = key.strip_suffix("[]").map_or((key, false), |name| (name, true));
+            let inside = |(at, value): (String, toml::Value)| {
+                let at = if at.is_empty() { name.to_owned() } else { format!("{at}.{name}") };
+                match value.get(name).cloned() {
+                    Some(toml::Value::Array(values)) if each => {
+                        values.into_iter().enumerate().map(|(n, value)| (format!("{at}[{n}]"), value)).collect()
+                    }
+                    value => value.map(|value| (at, value)).into_iter().collect::<Vec<_>>(),
+                }
+            };
+            places = places.into_iter().flat_map(inside).collect();
+        }
+        if let Some((path, other)) = places.into_iter().find(|(_, value)| !value.is_table()) {
+            return Err(InputError::new(format!("{path}: expected a table, not {}", other.type_str())));
+        }
+    }
+    Ok(())
 }
 
 fn unknown_key(path: &str, known: &[&str]) -> InputError {

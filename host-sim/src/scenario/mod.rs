@@ -7,11 +7,13 @@
 //! | `schema` | the JSON schema of scenario files |
 //! | [`params`] | parameters of the flight computer |
 //! | [`input`] | reading any input, and errors about it |
+//! | [`output`] | writing any result, complete or not at all |
 
 mod disturbed;
 mod file;
 pub mod input;
 mod landing;
+pub mod output;
 pub mod params;
 mod people;
 mod random;

@@ -9,6 +9,7 @@ use foxhound_core::guidance::param::{self, Id, Kind, Param, TABLE, Values};
 use foxhound_link::companion;
 
 use super::input::{InputError, read_text};
+use super::output;
 
 /// Samples in a frame; they limit how narrow a tone's band can be.
 const SAMPLES: usize = 256;
@@ -121,10 +122,7 @@ pub fn write(path: &Path, values: &Values) -> Result<(), InputError> {
         let _ = writeln!(text, "{} = {}", id.name(), values.get(id));
         text
     });
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(".new");
-    let written = std::fs::write(&beside, text).and_then(|()| std::fs::rename(&beside, path));
-    written.map_err(|error| InputError::new(error.to_string()).in_file(path))
+    output::write(path, text.as_bytes())
 }
 
 fn unknown(name: &str) -> InputError {

@@ -39,6 +39,10 @@ fn parse(text: &str) -> Result<Vec<(String, Person)>, InputError> {
         let row = row.map_err(|error| InputError::new(error.to_string()))?;
         let begins = row.position().map_or(0, |position| position.byte() as usize);
         let row = Row { text, begins, row };
+        if row.row.len() > names.len() {
+            let (fields, columns) = (row.row.len(), names.len());
+            return Err(InputError::new(format!("line {}: {fields} fields, line 1 names {columns}", row.line())));
+        }
         let point = [0, 2, 3].map(|column| row.number(columns[column], COLUMNS[column]));
         let [time_s, x, y] = point;
         let (time_s, x, y) = (time_s?, x?, y?);

@@ -88,6 +88,58 @@ pub trait Study: Serialize + Sized {
     fn verdict(&self) -> Vec<Beside> {
         Vec::new()
     }
+
+    /// Figure by figure of its source, whether it comes out here.
+    fn judgements(&self) -> Vec<Judgement> {
+        Vec::new()
+    }
+}
+
+/// What becomes of a published figure here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// The published method gives the published result here.
+    Reproduced,
+    /// It does not, and Foxhound's result is at least as good as the published one.
+    Better,
+    /// It does not.
+    NotReproduced,
+}
+
+impl Verdict {
+    /// The one that holds.
+    #[must_use]
+    pub const fn of(is_reproduced: bool, is_better: bool) -> Self {
+        match (is_reproduced, is_better) {
+            (true, _) => Self::Reproduced,
+            (false, true) => Self::Better,
+            (false, false) => Self::NotReproduced,
+        }
+    }
+
+    /// In words.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Reproduced => "reproduced",
+            Self::Better => "better",
+            Self::NotReproduced => "not reproduced",
+        }
+    }
+}
+
+/// A figure or a table of a paper, and what became of it here.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Judgement {
+    /// The experiment.
+    pub experiment: String,
+    /// Of which paper, and which figure.
+    pub figure: String,
+    /// What became of it.
+    pub verdict: Verdict,
+    /// Why, in a sentence.
+    pub why: String,
 }
 
 /// A number that was published, beside ours. What there is not is empty.

@@ -32,6 +32,31 @@ mod kinematic;
 mod potential;
 mod settings;
 
+/// The papers by the names that the experiments call them, as they are cited. No address is a link: the page asks nobody.
+pub const PAPERS: [(&str, &str); 4] = [
+    (
+        "main paper",
+        "S. M. Mulla, A. Kanakapudi, L. Narasimhan, A. Tiwari, \"RF-source Seeking with Obstacle Avoidance using Real-time Modified \
+         Artificial Potential Fields in Unknown Environments\", Indian Institute of Technology Madras, 2025, arXiv:2506.06811.",
+    ),
+    (
+        "variants paper",
+        "A comparison of the traditional and three modified artificial potential fields for a quadrotor in four scenes: one obstacle, \
+         two obstacles, a goal near an obstacle (GNRON), a dynamic obstacle. The copy that was worked from has neither title nor \
+         authors; it begins \"Artificial potential field (APF) is the effective real-time guide\".",
+    ),
+    (
+        "mmWave paper",
+        "K. Pfeiffer, Y. Jia, M. Yin, A. K. Veldanda, Y. Hu, A. Trivedi, J. Zhang, S. Garg, E. Erkip, S. Rangan, L. Righetti, \"Path \
+         Planning Under Uncertainty to Localize mmWave Sources\", 2023, arXiv:2303.03739.",
+    ),
+    (
+        "rotating vehicle's paper",
+        "S. Venkateswaran, J. T. Isaacs, K. Fregene, R. Ratmansky, B. M. Sadler, J. P. Hespanha, U. Madhow, \"RF Source-Seeking by a \
+         Micro Aerial Vehicle using Rotation-Based Angle of Arrival Estimates\", American Control Conference, 2013.",
+    ),
+];
+
 pub use experiment::{Experiment, Outcome};
 pub use kinematic::{Rules, Sight};
 pub use settings::Settings;

@@ -24,8 +24,7 @@
 //! A calibration written by hand needs only `gain` and `phase_rad`, which are then valid at all frequencies. A
 //! table whose `crc` does not match is valid nowhere.
 
-use std::fs::File;
-use std::io::{BufWriter, Cursor};
+use std::io::Cursor;
 use std::path::Path;
 
 use foxhound_core::base::adc::{AdcFrame, CHANNELS, CODE_MAX, CODE_MIN};
@@ -36,10 +35,14 @@ use foxhound_core::signal::phase::{self, Complex};
 use npyz::{NpyFile, Order, WriterBuilder as _};
 use serde::Deserialize;
 
-use crate::scenario::input::{InputError, check, parse_strictly, read_text};
+use crate::scenario::input::{Exactly, InputError, check, parse_strictly, read_text, refuse_lists_for_tables};
+use crate::scenario::output::{self, Output};
 
 /// Block lengths that the core is compiled for.
 pub const BLOCK_LENGTHS: [usize; 5] = [64, 128, 256, 512, 1024];
+
+/// Samples of a channel that make one frame of a recording that has none of its own; a shorter one is one frame.
+pub(super) const FRAME: usize = 1024;
 
 /// Frames of four channels of signed 12-bit samples.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -73,13 +76,14 @@ impl Recording {
     pub fn write(&self, path: &Path) -> Result<(), InputError> {
         let frames = self.codes.len() / (CHANNELS * self.block_length);
         let shape = [frames, CHANNELS, self.block_length].map(|length| length as u64);
-        let write = || {
-            let file = BufWriter::new(File::create(path)?);
+        let mut file = Output::create(path)?;
+        let write = |file: &mut Output| {
             let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd()?;
             writer.extend(&self.codes)?;
             writer.finish()
         };
-        write().map_err(|error: std::io::Error| InputError::new(error.to_string()).in_file(path))
+        write(&mut file).map_err(|error: std::io::Error| output::failed(path, &error))?;
+        file.finish()
     }
 
     fn parse(bytes: &[u8]) -> Result<Self, InputError> {
@@ -132,6 +136,13 @@ pub fn read_yaw(path: &Path, frames: usize) -> Result<Vec<f64>, InputError> {
         Ok(yaw)
     };
     parse().map_err(|error: InputError| error.in_file(path))
+}
+
+/// The type of a `.npy` file's values, as NumPy writes it; none where it is no such file.
+pub(super) fn npy_type(bytes: &[u8]) -> Option<String> {
+    refuse_absurd_shape(bytes).ok()?;
+    let header = npyz::NpyHeader::from_reader(&mut Cursor::new(bytes)).ok()?;
+    Some(header.dtype().descr().trim_matches('\'').to_owned())
 }
 
 /// Reads a `.npy` file of one type: its shape and its values in C order.
@@ -211,11 +222,11 @@ const ARRAY_KEYS: [&str; 27] = [
 struct ArrayFile {
     wavelength_m: f64,
     side_m: Option<f64>,
-    antennas_m: Option<[[f64; 2]; CHANNELS]>,
+    antennas_m: Option<Vec<Exactly<f64, 2>>>,
     sample_rate_hz: f64,
     tone_hz: Option<f64>,
-    tone_band_hz: Option<[f64; 2]>,
-    skew_s: Option<[f64; CHANNELS]>,
+    tone_band_hz: Option<Exactly<f64, 2>>,
+    skew_s: Option<Exactly<f64, CHANNELS>>,
     #[serde(default)]
     require_calibration: bool,
     calibration: Option<CalibrationTable>,
@@ -224,8 +235,8 @@ struct ArrayFile {
 /// Gain and phase of each channel relative to their mean, the frequency, and other measurements.
 #[derive(Clone, Debug, Deserialize)]
 struct CalibrationTable {
-    gain: [f64; CHANNELS],
-    phase_rad: [f64; CHANNELS],
+    gain: Exactly<f64, CHANNELS>,
+    phase_rad: Exactly<f64, CHANNELS>,
     wavelength_m: Option<f64>,
     frequency_hz: Option<f64>,
     residual_deg: Option<f64>,
@@ -239,8 +250,8 @@ struct CalibrationTable {
 /// Another frequency of the same table.
 #[derive(Clone, Debug, Deserialize)]
 struct FurtherFrequency {
-    gain: [f64; CHANNELS],
-    phase_rad: [f64; CHANNELS],
+    gain: Exactly<f64, CHANNELS>,
+    phase_rad: Exactly<f64, CHANNELS>,
     frequency_hz: f64,
     residual_deg: Option<f64>,
     temperature_c: Option<f64>,
@@ -250,22 +261,22 @@ struct FurtherFrequency {
 #[derive(Clone, Debug, Deserialize)]
 struct DeviationTable {
     constant_rad: f64,
-    cosine_rad: [f64; ORDER],
-    sine_rad: [f64; ORDER],
+    cosine_rad: Exactly<f64, ORDER>,
+    sine_rad: Exactly<f64, ORDER>,
     #[serde(default)]
     sigma_rad: f64,
 }
 
 impl DeviationTable {
     fn checked(&self) -> Result<Deviation, InputError> {
-        for term in self.cosine_rad.iter().chain(&self.sine_rad).chain([&self.constant_rad]) {
+        for term in self.cosine_rad.0.iter().chain(&self.sine_rad.0).chain([&self.constant_rad]) {
             check("calibration.deviation", *term, -3.2, 3.2)?;
         }
         check("calibration.deviation.sigma_rad", self.sigma_rad, 0.0, 1.0)?;
         Ok(Deviation {
             constant_rad: self.constant_rad as f32,
-            cosine_rad: self.cosine_rad.map(|term| term as f32),
-            sine_rad: self.sine_rad.map(|term| term as f32),
+            cosine_rad: self.cosine_rad.0.map(|term| term as f32),
+            sine_rad: self.sine_rad.0.map(|term| term as f32),
             sigma_rad: self.sigma_rad as f32,
         })
     }
@@ -280,6 +291,17 @@ impl CalibrationTable {
     fn table(&self, wavelength_m: f64) -> Result<Option<Table>, InputError> {
         let Some(frequency_hz) = self.frequency_hz else {
             if self.further.is_empty() {
+                for (key, value) in [
+                    ("wavelength_m", self.wavelength_m),
+                    ("residual_deg", self.residual_deg),
+                    ("temperature_c", self.temperature_c),
+                ] {
+                    if value.is_some() {
+                        return Err(InputError::new(format!(
+                            "calibration.{key}: is of no use without calibration.frequency_hz"
+                        )));
+                    }
+                }
                 // Without a frequency, the checksum covers nothing.
                 return Ok(self.crc.map(|_| Table::EMPTY));
             }
@@ -296,8 +318,8 @@ impl CalibrationTable {
             .chain(&self.further)
             .map(|entry| Entry {
                 frequency_hz: entry.frequency_hz as f32,
-                gain: entry.gain.map(|gain| gain as f32),
-                phase_rad: entry.phase_rad.map(|phase_rad| phase_rad as f32),
+                gain: entry.gain.0.map(|gain| gain as f32),
+                phase_rad: entry.phase_rad.0.map(|phase_rad| phase_rad as f32),
                 residual_rad: (entry.residual_deg.unwrap_or(0.0) as f32).to_radians(),
                 temperature_c: entry.temperature_c.map(|temperature_c| temperature_c as f32),
             })
@@ -334,21 +356,20 @@ impl ArrayDescription {
     /// # Errors
     /// Names the field.
     pub fn parse(text: &str) -> Result<Self, InputError> {
+        refuse_lists_for_tables(text, &["calibration", "calibration.further[]", "calibration.deviation"])?;
         let document = toml::Deserializer::parse(text).map_err(|error| InputError::new(error.to_string()))?;
         let file: ArrayFile = parse_strictly(document, &ARRAY_KEYS)?;
         check("wavelength_m", file.wavelength_m, 1e-3, 10.0)?;
         check("sample_rate_hz", file.sample_rate_hz, 1e3, 1e7)?;
         let wavelength_m = file.wavelength_m as f32;
-        let mut array = match (file.side_m, file.antennas_m) {
+        let mut array = match (file.side_m, &file.antennas_m) {
             (Some(side_m), None) => {
                 check("side_m", side_m, 1e-4, 10.0)?;
                 array::Config::square(wavelength_m, side_m as f32)
             }
-            (None, Some(antennas_m)) => array::Config {
-                wavelength_m,
-                antennas_m: antennas_m.map(|xy| xy.map(|coordinate| coordinate as f32)),
-                ..array::Config::default()
-            },
+            (None, Some(antennas_m)) => {
+                array::Config { wavelength_m, antennas_m: four(antennas_m)?, ..array::Config::default() }
+            }
             (Some(_), Some(_)) => return Err(InputError::new("side_m and antennas_m: give only one of the two")),
             (None, None) => return Err(InputError::new("side_m or antennas_m: one of the two is missing")),
         };
@@ -357,7 +378,7 @@ impl ArrayDescription {
         if let Some(table) = &file.calibration {
             let mut gains = [Complex::default(); CHANNELS];
             for (channel, gain) in gains.iter_mut().enumerate() {
-                let (magnitude, phase_rad) = (table.gain[channel], table.phase_rad[channel]);
+                let (magnitude, phase_rad) = (table.gain.0[channel], table.phase_rad.0[channel]);
                 check("calibration.gain", magnitude, 0.01, 100.0)?;
                 check("calibration.phase_rad", phase_rad, -100.0, 100.0)?;
                 *gain = Complex {
@@ -379,19 +400,33 @@ impl ArrayDescription {
             check("tone_hz", tone_hz, 0.0, nyquist_hz)?;
             phase.tone_hz = Some(tone_hz as f32);
         }
-        if let Some([low_hz, high_hz]) = file.tone_band_hz {
+        if let Some(Exactly([low_hz, high_hz])) = file.tone_band_hz {
             check("tone_band_hz[0]", low_hz, 0.0, nyquist_hz)?;
             check("tone_band_hz[1]", high_hz, low_hz, nyquist_hz)?;
-            // A given band means that the tone may be elsewhere in it.
+            // A given band means that the tone may be elsewhere in it: a given tone must at least agree.
+            if let Some(tone_hz) = file.tone_hz {
+                check("tone_hz, beside tone_band_hz,", tone_hz, low_hz, high_hz)?;
+            }
             phase.tone_hz = None;
             phase.tone_band_hz = [low_hz as f32, high_hz as f32];
         }
-        for (channel, skew_s) in file.skew_s.into_iter().flatten().enumerate() {
+        for (channel, skew_s) in file.skew_s.into_iter().flat_map(|skew_s| skew_s.0).enumerate() {
             check(&format!("skew_s[{channel}]"), skew_s, -4.0 / file.sample_rate_hz, 4.0 / file.sample_rate_hz)?;
             phase.skew_s[channel] = skew_s as f32;
         }
         Ok(Self { array, phase, deviation })
     }
+}
+
+/// The places of four antennas.
+fn four(antennas_m: &[Exactly<f64, 2>]) -> Result<[[f32; 2]; CHANNELS], InputError> {
+    let places: Vec<[f32; 2]> = antennas_m.iter().map(|xy| xy.0.map(|coordinate| coordinate as f32)).collect();
+    let count = places.len();
+    places.try_into().map_err(|_| {
+        InputError::new(format!(
+            "antennas_m: {count} antennas; --adc has {CHANNELS} channels, --iq and --switched 2 to 8"
+        ))
+    })
 }
 
 #[cfg(test)]
@@ -451,7 +486,7 @@ mod tests {
     #[test]
     fn every_key_of_an_array_file_reaches_the_core() {
         let text = "wavelength_m = 0.345\nantennas_m = [[0.06,0.06],[0.06,-0.06],[-0.06,-0.06],[-0.06,0.06]]\n\
-            sample_rate_hz = 204800\ntone_hz = 14800\ntone_band_hz = [14000, 15000.0]\nskew_s = [0.0, 1e-7, 2e-7, 3e-7]\n\
+            sample_rate_hz = 204800\ntone_band_hz = [14000, 15000.0]\nskew_s = [0.0, 1e-7, 2e-7, 3e-7]\n\
             require_calibration = true\n[calibration]\ngain = [1.0, 1.1, 0.9, 1.0]\nphase_rad = [0.0, 0.5, 0.0, 0.0]\n";
         let description = ArrayDescription::parse(text).unwrap();
         assert_eq!(description.phase.sample_rate_hz, 204_800.0);
@@ -475,6 +510,26 @@ mod tests {
         assert!(refused(&format!("{GOOD}antennas_m = [[0,0],[0,1],[1,1],[1,0]]\n")).contains("antennas_m"));
         assert!(refused(&format!("{GOOD}tone_hz = 60e3\n")).contains("tone_hz"));
         assert!(refused(&format!("{GOOD}tone_band_hz = [9e3, 8e3]\n")).contains("tone_band_hz[1]"));
+        assert!(
+            refused(&format!("{GOOD}tone_hz = 12e3\ntone_band_hz = [8e3, 1e4]\n"))
+                .contains("tone_hz, beside tone_band_hz,")
+        );
+        assert!(refused(&format!("{GOOD}tone_band_hz = [8e3, 9e3, 1e4]\n")).contains("tone_band_hz: "));
+        assert!(refused(&format!("{GOOD}skew_s = [0.0, 0.0, 0.0, 0.0, 0.0]\n")).contains("skew_s: "));
+        let places = |list: &str| format!("wavelength_m = 0.345\nsample_rate_hz = 1e5\nantennas_m = [{list}]\n");
+        let five = places("[0,0],[0,0.1],[0.1,0.1],[0.1,0],[0.05,0.05]");
+        assert!(refused(&five).contains("antennas_m: 5 antennas"), "{}", refused(&five));
+        let third = places("[0,0],[0,0.1,0.2],[0.1,0.1],[0.1,0]");
+        assert!(refused(&third).contains("antennas_m[1]"), "{}", refused(&third));
+        assert!(
+            refused(&format!("{GOOD}calibration = [[1,1,1,1],[0,0,0,0]]\n")).contains("calibration: expected a table")
+        );
+        let list = format!("{GOOD}[calibration]\ngain = [1,1,1,1]\nphase_rad = [0,0,0,0]\ndeviation = [0,[0],[0]]\n");
+        assert!(refused(&list).contains("calibration.deviation: expected a table"));
+        let five = format!("{GOOD}[calibration]\ngain = [1,1,1,1,1]\nphase_rad = [0,0,0,0]\n");
+        assert!(refused(&five).contains("calibration.gain"), "{}", refused(&five));
+        let idle = format!("{GOOD}[calibration]\ngain = [1,1,1,1]\nphase_rad = [0,0,0,0]\nresidual_deg = 1\n");
+        assert!(refused(&idle).contains("calibration.residual_deg"), "{}", refused(&idle));
         assert!(refused(&format!("{GOOD}tone_hertz = 9e3\n")).contains("did you mean `tone_hz`"));
         assert!(refused(&format!("{GOOD}side_m = 0.1\n")).contains("side_m"), "a key twice");
         let table = format!("{GOOD}[calibration]\ngain = [1,1,1,0]\nphase_rad = [0,0,0,0]\n");

@@ -1,27 +1,27 @@
 //! `foxhound bearing --iq`: from recorded complex samples of several coherent channels to bearings.
 //!
-//! The covariance comes from the bins of a frame's spectrum in the occupied band; without a band, from its samples.
-//! A window whose first and last tenth are tapered keeps out signals outside the band.
+//! A frame's spectrum inside the occupied band gives the covariance, bin by bin; without a band its samples do. Whatever is
+//! outside of the band is kept out by a window that is tapered at both ends. Of real samples the frequencies above zero are used.
 
 use std::path::Path;
 
 use foxhound_core::base::adc::ANTENNAS_MAX;
 use foxhound_core::base::time::Instant;
-use foxhound_core::doa::beam::{Covariance, Source, Vector};
+use foxhound_core::doa::beam::{Arrival, Beam, Covariance, Source, Vector};
 use foxhound_core::signal::phase::Complex;
 use num_complex::Complex32;
 use rustfft::FftPlanner;
 
 use super::bearings::ArrayLine;
-use super::frames::read_npy;
+use super::frames::{npy_type, read_npy};
 use super::radio_array::RadioArray;
-use super::sigmf;
+use super::{eigen, sigmf, wav};
 use crate::scenario::input::InputError;
 
 /// Samples of a channel in a frame.
 const SAMPLES: std::ops::RangeInclusive<usize> = 8..=1 << 20;
 /// Share of a frame at either end that the window tapers.
-const TAPER: f64 = 0.1;
+const TAPER: f64 = 0.07;
 /// Half-width, in bins, for a tone without a band.
 const TONE_BINS: f64 = 4.0;
 
@@ -31,18 +31,32 @@ pub struct Frames {
     channels: usize,
     samples: usize,
     values: Vec<Complex32>,
+    /// The samples are real: half of the spectrum says all.
+    is_real: bool,
+    kind: String,
 }
 
 impl Frames {
-    /// Reads complex64 of shape (frames, channels, N), or a SigMF recording, for an array.
+    /// Reads complex64 of shape (frames, channels, N), whole numbers of shape (frames, channels, N, 2), or a SigMF or WAV recording, for an array.
     ///
     /// # Errors
     /// Names the file and what is wrong with it.
     pub fn read(path: &Path, array: &RadioArray) -> Result<Self, InputError> {
         let antennas = array.beam.count;
-        let is_sigmf = path.extension().is_some_and(|extension| extension == "sigmf-meta" || extension == "sigmf-data");
-        let (channels, samples, values) =
-            if is_sigmf { sigmf::read(path, array.sample_rate_hz)? } else { read_frames(path)? };
+        let ends = |endings: &[&str]| {
+            let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
+            endings.iter().any(|ending| extension.eq_ignore_ascii_case(ending))
+        };
+        let (channels, samples, values, is_real, kind) = if ends(&["sigmf-meta", "sigmf-data"]) {
+            let (channels, samples, values, kind) = sigmf::read(path, array.sample_rate_hz)?;
+            (channels, samples, values, false, kind.to_owned())
+        } else if ends(&["wav"]) {
+            let recording = wav::read(path, antennas, array.sample_rate_hz)?;
+            let wav::Recording { channels, samples, values, is_real, kind } = recording;
+            (channels, samples, values, is_real, kind)
+        } else {
+            read_frames(path)?
+        };
         let wrong = |text: String| Err(InputError::new(text).in_file(path));
         if channels != antennas {
             return wrong(format!("channels = {channels}: antennas_m has {antennas}, shape (frames, channels, N)"));
@@ -53,7 +67,23 @@ impl Frames {
         if values.len() < channels * samples {
             return wrong("no frames".to_owned());
         }
-        Ok(Self { channels, samples, values })
+        Ok(Self { channels, samples, values, is_real, kind })
+    }
+
+    /// What was read.
+    #[must_use]
+    pub fn taken(&self) -> String {
+        format!("{} frames of {} channels of {} samples, {}", self.count(), self.channels, self.samples, self.kind)
+    }
+
+    /// Samples of a channel in a frame.
+    pub(super) fn samples(&self) -> usize {
+        self.samples
+    }
+
+    /// The channels of all frames, one after the other.
+    pub(super) fn channels(&self) -> impl Iterator<Item = &[Complex32]> {
+        self.values.chunks_exact(self.samples)
     }
 
     /// Number of frames.
@@ -63,17 +93,41 @@ impl Frames {
     }
 }
 
-fn read_frames(path: &Path) -> Result<(usize, usize, Vec<Complex32>), InputError> {
+type Read = (usize, usize, Vec<Complex32>, bool, String);
+
+fn read_frames(path: &Path) -> Result<Read, InputError> {
     let parse = || {
         let bytes = std::fs::read(path).map_err(|error| InputError::new(error.to_string()))?;
+        match npy_type(&bytes).as_deref() {
+            Some("<i2") => return whole::<i16>(&bytes, "int16", 32_768.0),
+            Some("|i1") => return whole::<i8>(&bytes, "int8", 128.0),
+            _ => {}
+        }
         let (shape, values) = read_npy::<Complex32>(&bytes, "complex64")?;
         let [_, channels, samples] = shape[..] else {
             return Err(InputError::new(format!("shape {shape:?}: expected (frames, channels, N)")));
         };
-        let size = |value: u64| usize::try_from(value).unwrap_or(usize::MAX);
-        Ok((size(channels), size(samples), values))
+        Ok((size(channels), size(samples), values, false, "complex64".to_owned()))
     };
     parse().map_err(|error: InputError| error.in_file(path))
+}
+
+fn size(value: u64) -> usize {
+    usize::try_from(value).unwrap_or(usize::MAX)
+}
+
+/// Whole numbers, real part and imaginary part in turn.
+fn whole<T: npyz::Deserialize + Into<f32>>(bytes: &[u8], dtype: &str, full: f32) -> Result<Read, InputError> {
+    let (shape, values) = read_npy::<T>(bytes, dtype)?;
+    let [_, channels, samples, 2] = shape[..] else {
+        return Err(InputError::new(format!("shape {shape:?}: expected (frames, channels, N, 2) of {dtype}")));
+    };
+    let mut parts = values.into_iter().map(|part| part.into() / full);
+    let mut complex = Vec::with_capacity(parts.len() / 2);
+    while let (Some(re), Some(im)) = (parts.next(), parts.next()) {
+        complex.push(Complex32::new(re, im));
+    }
+    Ok((size(channels), size(samples), complex, false, format!("{dtype}, I and Q")))
 }
 
 /// The results, one for each `looks` frames.
@@ -81,25 +135,76 @@ fn read_frames(path: &Path) -> Result<(usize, usize, Vec<Complex32>), InputError
 /// # Errors
 /// A key of the array file that is missing or that the core refuses.
 pub fn find(frames: &Frames, array: &RadioArray, looks: usize) -> Result<Vec<ArrayLine>, InputError> {
+    find_and(frames, array, looks, |_| ())
+}
+
+/// The answers, and the eigenvalues of the covariance of each.
+pub(super) fn find_with_eigenvalues(
+    frames: &Frames,
+    array: &RadioArray,
+    looks: usize,
+) -> Result<(Vec<ArrayLine>, Vec<Vec<f64>>), InputError> {
+    let mut all = Vec::new();
+    let lines = find_and(frames, array, looks, |covariance| all.push(eigen::values(covariance, frames.channels)))?;
+    Ok((lines, all))
+}
+
+fn find_and(
+    frames: &Frames,
+    array: &RadioArray,
+    looks: usize,
+    mut watch: impl FnMut(&Covariance),
+) -> Result<Vec<ArrayLine>, InputError> {
     if array.switch.is_some() {
         return Err(InputError::new(
             "switch: the channels of --iq must be sampled at the same instants; use --switched",
         ));
     }
-    let beam = array.beam.build()?;
-    let source = Source { floor_rad: array.sigma_floor_rad.unwrap_or(0.0) }.build()?;
-    let band = Band::of(frames, array)?;
+    let mut finder = Finder::new(array, frames.samples, frames.is_real)?;
     let mut lines = Vec::with_capacity(frames.count() / looks);
-    let (mut covariance, mut centre) = (Covariance::default(), Centre::default());
     for (frame, values) in frames.values.chunks_exact(frames.channels * frames.samples).enumerate() {
-        band.add(values, frames.samples, &mut covariance, &mut centre);
+        finder.add(values);
         if (frame + 1) % looks == 0 {
-            let arrival = source.bearing(&beam, &covariance, centre.hz() as f32, Instant(frame as u64));
-            lines.push(ArrayLine::new(frame, None, &arrival));
-            (covariance, centre) = (Covariance::default(), Centre::default());
+            watch(&finder.covariance);
+            lines.push(ArrayLine::new(frame, None, &finder.take(frame as u64)));
         }
     }
     Ok(lines)
+}
+
+/// Frames in, bearings out.
+pub(super) struct Finder {
+    beam: Beam,
+    source: Source,
+    band: Band,
+    samples: usize,
+    covariance: Covariance,
+    centre: Centre,
+}
+
+impl Finder {
+    /// For frames of so many samples of each channel.
+    pub(super) fn new(array: &RadioArray, samples: usize, is_real: bool) -> Result<Self, InputError> {
+        Ok(Self {
+            beam: array.beam.build()?,
+            source: Source { floor_rad: array.sigma_floor_rad.unwrap_or(0.0) }.build()?,
+            band: Band::of(samples, is_real, array)?,
+            samples,
+            covariance: Covariance::default(),
+            centre: Centre::default(),
+        })
+    }
+
+    /// Takes a frame, channel after channel.
+    pub(super) fn add(&mut self, values: &[Complex32]) {
+        self.band.add(values, self.samples, &mut self.covariance, &mut self.centre);
+    }
+
+    /// The bearing of the frames since the last one.
+    pub(super) fn take(&mut self, time: u64) -> Arrival {
+        let (covariance, centre) = (std::mem::take(&mut self.covariance), std::mem::take(&mut self.centre));
+        self.source.bearing(&self.beam, &covariance, centre.hz() as f32, Instant(time))
+    }
 }
 
 /// Centre of the power in the band.
@@ -125,11 +230,20 @@ struct Band {
 }
 
 impl Band {
-    fn of(frames: &Frames, array: &RadioArray) -> Result<Self, InputError> {
-        let (samples, rate_hz) = (frames.samples, array.sample_rate_hz);
+    fn of(samples: usize, is_real: bool, array: &RadioArray) -> Result<Self, InputError> {
+        let rate_hz = array.sample_rate_hz;
         let bin_hz = rate_hz / samples as f64;
         let around_tone = |tone_hz: f64| [tone_hz - TONE_BINS * bin_hz, tone_hz + TONE_BINS * bin_hz];
-        let band_hz = array.band_hz.or(array.tone_hz.map(around_tone));
+        let mut band_hz = array.band_hz.or(array.tone_hz.map(around_tone));
+        if is_real {
+            if let Some([low_hz, high_hz]) = array.band_hz.filter(|[low_hz, _]| *low_hz < 0.0) {
+                let text = format!("tone_band_hz = [{low_hz}, {high_hz}]: real samples have no frequencies below zero");
+                return Err(InputError::new(text));
+            }
+            // Neither the mean nor the middle of the spectrum, which have no phase.
+            let [low_hz, high_hz] = band_hz.unwrap_or([bin_hz, 0.5 * rate_hz]);
+            band_hz = Some([low_hz.max(bin_hz), high_hz.min(0.5 * rate_hz - bin_hz)]);
+        }
         let hz = |bin: usize| if 2 * bin < samples { bin as f64 } else { bin as f64 - samples as f64 } * bin_hz;
         let bins = band_hz.map(|[low_hz, high_hz]| {
             let all = (0..samples).map(|bin| (bin, hz(bin)));

@@ -7,13 +7,20 @@
 //! | [`radio_array`] | the description of the array of another receiver: behind a switch, or with complex samples |
 //! | [`switched`] | `foxhound bearing --switched` |
 //! | [`iq`] | `foxhound bearing --iq` |
-//! | [`sigmf`] | reads SigMF recordings |
+//! | [`sigmf`], `wav`, `hci` | read SigMF and WAV recordings, and Bluetooth IQ reports |
+//! | [`listen`] | what a recording sounds like: `foxhound listen` |
+//! | [`live`] | bearings of a radio that runs: `foxhound companion --bearings` |
 //! | [`calibrate`] | `foxhound calibrate` |
 
 pub mod bearings;
 pub mod calibrate;
+mod eigen;
 pub mod frames;
+pub(crate) mod hci;
 pub mod iq;
+pub mod listen;
+pub mod live;
 pub mod radio_array;
 pub mod sigmf;
 pub mod switched;
+mod wav;

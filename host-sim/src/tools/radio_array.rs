@@ -20,7 +20,7 @@ use foxhound_core::doa::{array, beam};
 use foxhound_core::signal::switched::{self, SLOTS_MAX};
 use serde::Deserialize;
 
-use crate::scenario::input::{InputError, check, parse_strictly, read_text};
+use crate::scenario::input::{Exactly, InputError, check, parse_strictly, read_text, refuse_lists_for_tables};
 
 /// Every key.
 const KEYS: [&str; 10] = [
@@ -40,10 +40,10 @@ const KEYS: [&str; 10] = [
 struct File {
     wavelength_m: f64,
     side_m: Option<f64>,
-    antennas_m: Option<Vec<[f64; 2]>>,
+    antennas_m: Option<Vec<Exactly<f64, 2>>>,
     sample_rate_hz: f64,
     tone_hz: Option<f64>,
-    tone_band_hz: Option<[f64; 2]>,
+    tone_band_hz: Option<Exactly<f64, 2>>,
     sigma_floor_deg: Option<f64>,
     switch: Option<Switch>,
 }
@@ -85,6 +85,7 @@ impl RadioArray {
     /// # Errors
     /// Names the key.
     pub fn parse(text: &str) -> Result<Self, InputError> {
+        refuse_lists_for_tables(text, &["switch"])?;
         let document = toml::Deserializer::parse(text).map_err(|error| InputError::new(error.to_string()))?;
         let file: File = parse_strictly(document, &KEYS)?;
         let beam = file.beam()?;
@@ -94,9 +95,15 @@ impl RadioArray {
         if let Some(tone_hz) = file.tone_hz {
             check("tone_hz", tone_hz, -nyquist_hz, nyquist_hz)?;
         }
-        if let Some([low_hz, high_hz]) = file.tone_band_hz {
+        if file.tone_band_hz.is_some() && file.switch.is_some() {
+            return Err(InputError::new("tone_band_hz: is of no use with [switch]"));
+        }
+        if let Some(Exactly([low_hz, high_hz])) = file.tone_band_hz {
             check("tone_band_hz[0]", low_hz, -nyquist_hz, nyquist_hz)?;
             check("tone_band_hz[1]", high_hz, low_hz, nyquist_hz)?;
+            if let Some(tone_hz) = file.tone_hz {
+                check("tone_hz, beside tone_band_hz,", tone_hz, low_hz, high_hz)?;
+            }
         }
         if let Some(floor_deg) = file.sigma_floor_deg {
             check("sigma_floor_deg", floor_deg, 0.0, 30.0)?;
@@ -106,7 +113,7 @@ impl RadioArray {
             beam,
             sample_rate_hz: file.sample_rate_hz,
             tone_hz: file.tone_hz,
-            band_hz: file.tone_band_hz,
+            band_hz: file.tone_band_hz.map(|band_hz| band_hz.0),
             sigma_floor_rad: file.sigma_floor_deg.map(|floor_deg| (floor_deg as f32).to_radians()),
             switch,
         })
@@ -122,7 +129,7 @@ impl File {
                 check("side_m", side_m, 1e-4, 1e3)?;
                 array::Config::square(wavelength_m, side_m as f32).antennas_m.to_vec()
             }
-            (None, Some(antennas_m)) => antennas_m.iter().map(|xy| xy.map(|coordinate| coordinate as f32)).collect(),
+            (None, Some(antennas_m)) => antennas_m.iter().map(|xy| xy.0.map(|coordinate| coordinate as f32)).collect(),
             (Some(_), Some(_)) => return Err(InputError::new("side_m and antennas_m: give only one of the two")),
             (None, None) => return Err(InputError::new("side_m or antennas_m: one of the two is missing")),
         };

@@ -1,28 +1,27 @@
 //! SigMF recordings: `NAME.sigmf-meta` (JSON) describes `NAME.sigmf-data`, with interleaved samples of all
 //! channels.
 //!
-//! It reads `core:datatype` `ci16_le`, `ci8`, `cu8` and `cf32_le`, `core:num_channels` and `core:sample_rate` of
-//! `global`.
+//! Frames are 1024 samples long, the last one ends with the recording. It reads `core:datatype` `ci16_le`, `ci8`, `cu8`
+//! and `cf32_le`, `core:num_channels` and `core:sample_rate` of `global`.
 
 use std::path::Path;
 
 use num_complex::Complex32;
 use serde_json::Value;
 
+use super::frames::FRAME;
 use crate::scenario::input::{InputError, read_text};
 
-/// Samples of a channel that make one frame; a shorter recording is one.
-const FRAME: usize = 1024;
-
-/// Reads a recording: channels, samples of a frame, and the frames' values, channel after channel.
+/// Reads a recording: channels, samples of a frame, the frames' values, channel after channel, and their type.
 ///
 /// # Errors
 /// Names the file, the key and its value.
-pub fn read(path: &Path, sample_rate_hz: f64) -> Result<(usize, usize, Vec<Complex32>), InputError> {
+pub fn read(path: &Path, sample_rate_hz: f64) -> Result<(usize, usize, Vec<Complex32>, &'static str), InputError> {
     let (meta, data) = (path.with_extension("sigmf-meta"), path.with_extension("sigmf-data"));
     let about = Meta::parse(&read_text(&meta)?, sample_rate_hz).map_err(|error| error.in_file(&meta))?;
     let bytes = std::fs::read(&data).map_err(|error| InputError::new(error.to_string()).in_file(&data))?;
-    about.frames(&bytes).map_err(|error| error.in_file(&data))
+    let (channels, samples, values) = about.frames(&bytes).map_err(|error| error.in_file(&data))?;
+    Ok((channels, samples, values, about.datatype.name()))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,6 +30,17 @@ enum Datatype {
     I8,
     U8,
     F32,
+}
+
+impl Datatype {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::I16 => "SigMF ci16_le",
+            Self::I8 => "SigMF ci8",
+            Self::U8 => "SigMF cu8",
+            Self::F32 => "SigMF cf32_le",
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,6 +82,11 @@ impl Meta {
             }
         }
         let captures = document["captures"].as_array().map_or(&[][..], Vec::as_slice);
+        if captures.len() > 1 {
+            let text =
+                format!("captures: {} segments; a frame would span two, cut the recording there", captures.len());
+            return Err(InputError::new(text));
+        }
         for (at, capture) in captures.iter().enumerate() {
             if capture["core:header_bytes"].as_u64().unwrap_or(0) > 0 {
                 let bytes = &capture["core:header_bytes"];
@@ -101,7 +116,10 @@ impl Meta {
         };
         let samples = (bytes.len() / one).min(FRAME);
         let mut values = Vec::with_capacity(bytes.len() / item);
-        for frame in bytes.chunks_exact(one * samples) {
+        let frame_bytes = one * samples;
+        // The last frame is the last samples, some of which may be in the one before as well: none is left out.
+        let starts = (0..bytes.len().div_ceil(frame_bytes)).map(|k| (k * frame_bytes).min(bytes.len() - frame_bytes));
+        for frame in starts.map(|start| &bytes[start..start + frame_bytes]) {
             for channel in 0..self.channels {
                 values.extend(frame.chunks_exact(one).map(|sample| {
                     let (re, im) = sample[channel * item..(channel + 1) * item].split_at(item / 2);

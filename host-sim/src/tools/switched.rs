@@ -4,43 +4,62 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use foxhound_core::base::time::Instant;
-use foxhound_core::doa::switched::{self, Emitter, Group};
+use foxhound_core::doa::switched::{self, Emitter, Estimator, Group};
 use foxhound_core::signal::phase::Complex;
 use foxhound_core::signal::switched::{SAMPLES_MAX, SLOTS_MAX};
 use num_complex::Complex32;
 
 use super::bearings::ArrayLine;
 use super::frames::read_npy;
+use super::hci::Packet;
 use super::radio_array::RadioArray;
+use super::{eigen, hci};
 use crate::scenario::input::InputError;
 
 /// Packets of slots of complex samples, and the transmitter of each.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Packets {
-    slots: usize,
+    /// Samples of a slot.
     samples: usize,
-    values: Vec<Complex>,
-    emitters: Option<Vec<i32>>,
+    packets: Vec<Packet>,
+    taken: String,
 }
 
 impl Packets {
-    /// Reads complex64 of shape (packets, slots, samples of a slot), and int32 of shape (packets,).
+    /// Reads complex64 of shape (packets, slots, samples of a slot), or Bluetooth IQ reports for an array: a btsnoop file, or the
+    /// bytes of a serial line (H4). `emitters` is int32 of shape (packets,).
     ///
     /// # Errors
     /// Names the file and what is wrong with it.
-    pub fn read(packets: &Path, emitters: Option<&Path>) -> Result<Self, InputError> {
-        let mut read = parse(&bytes_of(packets)?).map_err(|error| error.in_file(packets))?;
+    pub fn read(path: &Path, emitters: Option<&Path>, array: &RadioArray) -> Result<Self, InputError> {
+        let bytes = bytes_of(path)?;
+        let is_npy = bytes.starts_with(b"\x93NUMPY") || path.extension().is_some_and(|extension| extension == "npy");
+        let read = if is_npy { parse(&bytes) } else { Self::of_reports(&bytes, array) };
+        let mut read = read.map_err(|error| error.in_file(path))?;
         if let Some(path) = emitters {
-            let count = read.count();
-            read.emitters = Some(parse_emitters(&bytes_of(path)?, count).map_err(|error| error.in_file(path))?);
+            let numbers = parse_emitters(&bytes_of(path)?, read.count()).map_err(|error| error.in_file(path))?;
+            for (packet, number) in read.packets.iter_mut().zip(numbers) {
+                packet.emitter = number;
+            }
         }
         Ok(read)
+    }
+
+    fn of_reports(bytes: &[u8], array: &RadioArray) -> Result<Self, InputError> {
+        let hci::Reports { packets, taken } = hci::read(bytes, array)?;
+        Ok(Self { samples: 1, packets, taken })
     }
 
     /// Number of packets.
     #[must_use]
     pub fn count(&self) -> usize {
-        self.values.len() / (self.slots * self.samples)
+        self.packets.len()
+    }
+
+    /// What was read.
+    #[must_use]
+    pub fn taken(&self) -> &str {
+        &self.taken
     }
 }
 
@@ -64,8 +83,12 @@ fn parse(bytes: &[u8]) -> Result<Packets, InputError> {
         })
     };
     let (slots, samples) = (within("slots", slots, 2..=SLOTS_MAX)?, within("samples", samples, 1..=SAMPLES_MAX)?);
-    let values = values.iter().map(|value| Complex { re: value.re, im: value.im }).collect();
-    Ok(Packets { slots, samples, values, emitters: None })
+    let taken = format!("{packets} packets of {slots} slots of {samples} samples, complex64");
+    let packet = |values: &[Complex32]| Packet {
+        values: values.iter().map(|value| Complex { re: value.re, im: value.im }).collect(),
+        ..Packet::default()
+    };
+    Ok(Packets { samples, packets: values.chunks_exact(slots * samples).map(packet).collect(), taken })
 }
 
 fn parse_emitters(bytes: &[u8], packets: usize) -> Result<Vec<i32>, InputError> {
@@ -76,28 +99,81 @@ fn parse_emitters(bytes: &[u8], packets: usize) -> Result<Vec<i32>, InputError> 
     Ok(emitters)
 }
 
+/// An estimator for each length of packets that comes.
+pub(super) struct Estimators<'a> {
+    array: &'a RadioArray,
+    samples: usize,
+    by_slots: HashMap<usize, Estimator>,
+}
+
+impl<'a> Estimators<'a> {
+    pub(super) fn new(array: &'a RadioArray, samples: usize) -> Self {
+        Self { array, samples, by_slots: HashMap::new() }
+    }
+
+    /// The one for packets of so many slots.
+    pub(super) fn of(&mut self, slots: usize) -> Result<&Estimator, InputError> {
+        use std::collections::hash_map::Entry;
+        match self.by_slots.entry(slots) {
+            Entry::Occupied(entry) => Ok(entry.into_mut()),
+            Entry::Vacant(entry) => {
+                let Some(switch) = self.array.switch else {
+                    return Err(InputError::new("switch: missing; --switched needs [switch] with slot_s and pattern"));
+                };
+                let reader = switch.build(slots, self.samples)?;
+                let default = switched::Config::default();
+                let config = switched::Config { floor_rad: self.array.sigma_floor_rad.unwrap_or(default.floor_rad) };
+                Ok(entry.insert(config.build(self.array.beam.build()?, reader)?))
+            }
+        }
+    }
+}
+
 /// The results, and how many packets were left over from the last group.
 ///
 /// # Errors
 /// A key of the array file that is missing or that the core refuses.
 pub fn find(packets: &Packets, array: &RadioArray, looks: usize) -> Result<(Vec<ArrayLine>, usize), InputError> {
-    let Some(switch) = array.switch else {
-        return Err(InputError::new("switch: missing; --switched needs [switch] with slot_s and pattern"));
-    };
-    let reader = switch.build(packets.slots, packets.samples)?;
-    let default = switched::Config::default();
-    let config = switched::Config { floor_rad: array.sigma_floor_rad.unwrap_or(default.floor_rad) };
-    let estimator = config.build(array.beam.build()?, reader)?;
+    find_and(packets, array, looks, |_| ())
+}
+
+/// The answers, and the eigenvalues of the covariance of each.
+pub(super) fn find_with_eigenvalues(
+    packets: &Packets,
+    array: &RadioArray,
+    looks: usize,
+) -> Result<(Vec<ArrayLine>, Vec<Vec<f64>>), InputError> {
+    let mut all = Vec::new();
+    let (lines, _) =
+        find_and(packets, array, looks, |group| all.push(eigen::values(group.covariance(), array.beam.count)))?;
+    Ok((lines, all))
+}
+
+fn find_and(
+    packets: &Packets,
+    array: &RadioArray,
+    looks: usize,
+    mut watch: impl FnMut(&Group),
+) -> Result<(Vec<ArrayLine>, usize), InputError> {
+    let mut estimators = Estimators::new(array, packets.samples);
     let mut states: HashMap<i32, (Emitter, Group, usize)> = HashMap::new();
     let mut lines = Vec::with_capacity(packets.count() / looks);
-    for (frame, samples) in packets.values.chunks_exact(packets.slots * packets.samples).enumerate() {
-        let number = packets.emitters.as_ref().and_then(|emitters| emitters.get(frame)).copied().unwrap_or(0);
-        let (emitter, group, taken) = states.entry(number).or_default();
-        estimator.take(emitter, group, samples);
+    // Those without samples are like any others.
+    let longest = packets.packets.iter().map(|packet| packet.values.len()).max().unwrap_or_default() / packets.samples;
+    for (frame, packet) in packets.packets.iter().enumerate() {
+        let slots = packet.values.len() / packets.samples;
+        let estimator = estimators.of(if slots == 0 { longest } else { slots })?;
+        let (emitter, group, taken) = states.entry(packet.emitter).or_default();
+        if slots == 0 {
+            estimator.miss(group);
+        } else {
+            estimator.take_with(emitter, group, &packet.reference, &packet.values);
+        }
         *taken += 1;
         if *taken == looks {
             let arrival = estimator.bearing(group, Instant(frame as u64));
-            lines.push(ArrayLine::new(frame, Some(number), &arrival));
+            lines.push(ArrayLine::new(frame, Some(packet.emitter), &arrival));
+            watch(group);
             (*group, *taken) = (Group::default(), 0);
         }
     }

@@ -42,6 +42,9 @@ use text::{Trouble, Worded};
 const PERIOD_US: u64 = 50_000;
 /// How many sets may wait for the application; a station repeats what is not answered.
 const SETS: usize = 4;
+/// Bytes of a set of parameters.
+const MARKS: usize = size_of::<u128>();
+/// The last of them.
 const LAST: u8 = (COUNT - 1) as u8;
 
 /// What a station wants done with the stored parameters.
@@ -78,31 +81,32 @@ struct Errand {
 /// A set of parameters that are taken one after the other, in a ring, so that none is always last.
 #[derive(Clone, Copy, Debug)]
 struct Marks {
-    /// One bit for each.
-    marked: u64,
+    /// One bit for each, the lowest first: as bytes, since a `u128` in its place would be padded.
+    marked: [u8; MARKS],
     /// The one that was taken last.
     last: u8,
 }
 
 impl Marks {
-    const NONE: Self = Self { marked: 0, last: LAST };
+    const NONE: Self = Self { marked: [0; MARKS], last: LAST };
     /// Starts with the first one.
-    const ALL: Self = Self { marked: u64::MAX >> (64 - COUNT), last: LAST };
+    const ALL: Self = Self { marked: (u128::MAX >> (128 - COUNT)).to_le_bytes(), last: LAST };
 
     #[inline(never)]
     fn add(&mut self, id: Id) {
-        self.marked |= 1 << id.index();
+        self.marked = (u128::from_le_bytes(self.marked) | 1 << id.index()).to_le_bytes();
     }
 
     #[inline(never)]
     fn remove(&mut self, id: Id) {
-        self.marked &= !(1 << id.index());
+        self.marked = (u128::from_le_bytes(self.marked) & !(1 << id.index())).to_le_bytes();
     }
 
     #[inline(never)]
     fn take(&mut self) -> Option<Id> {
-        let behind = self.marked & !(u64::MAX >> (63 - self.last));
-        let from = if behind == 0 { self.marked } else { behind };
+        let marked = u128::from_le_bytes(self.marked);
+        let behind = marked & !(u128::MAX >> (127 - self.last));
+        let from = if behind == 0 { marked } else { behind };
         let id = Id::at(from.trailing_zeros() as usize)?;
         self.last = id.index() as u8;
         self.remove(id);
@@ -380,7 +384,7 @@ impl Params {
             }
             return Some(Reply::Text(text));
         }
-        let list_first = self.is_lists_turn || self.asked.marked == 0;
+        let list_first = self.is_lists_turn || self.asked.marked == Marks::NONE.marked;
         let from_list = if list_first { self.listed.take() } else { None };
         let id = from_list.or_else(|| self.asked.take())?;
         self.is_lists_turn = from_list.is_none();

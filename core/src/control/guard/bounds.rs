@@ -39,6 +39,9 @@ impl Guard {
         let (rest, delay_s) = (input.rest_ned_m, input.delay_s);
         let underway_m = rest.minus(input.position_ned_m).norm();
         let mut v_max_mps = c.v_max_mps;
+        if input.is_evading && c.evade_max_mps > v_max_mps {
+            v_max_mps = c.evade_max_mps;
+        }
         for _ in 0..=HALVED_MAX {
             // It is no slower than this before the next step.
             let command_mps = command_ned_mps.norm();

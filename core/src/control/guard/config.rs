@@ -10,6 +10,8 @@ use crate::mapping::coverage;
 pub struct Config {
     /// Largest horizontal speed.
     pub v_max_mps: f32,
+    /// Largest horizontal speed of demands of the evader, where that is more.
+    pub evade_max_mps: f32,
     /// Largest vertical speed.
     pub v_down_max_mps: f32,
     /// Largest change of the horizontal, and of the vertical, command.
@@ -46,6 +48,7 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             v_max_mps: 1.0,
+            evade_max_mps: 0.0,
             v_down_max_mps: 0.5,
             a_max_mps2: 2.0,
             jerk_max_mps3: 20.0,
@@ -72,6 +75,7 @@ impl Config {
     /// The field that is out of range.
     pub fn build(&self) -> Result<Guard, ConfigError> {
         check("guard.v_max_mps", self.v_max_mps, 0.05, 20.0)?;
+        check("guard.evade_max_mps", self.evade_max_mps, 0.0, 20.0)?;
         check("guard.v_down_max_mps", self.v_down_max_mps, 0.0, 5.0)?;
         check("guard.a_max_mps2", self.a_max_mps2, 0.1, 20.0)?;
         check("guard.jerk_max_mps3", self.jerk_max_mps3, 1.0, 1000.0)?;

@@ -3,7 +3,8 @@
 //!
 //! Its steps, in order:
 //!
-//! 1. Numbers that are not finite become a brake; speeds, horizontal and vertical, and the yaw rate are limited.
+//! 1. Numbers that are not finite become a brake; speeds, horizontal and vertical, and the yaw rate are limited. Demands
+//!    of the evader may be faster than others ([`Config::evade_max_mps`]).
 //! 2. Motion towards each known circle and each side of the geofence is limited so that the vehicle can still stop:
 //!    half-spaces of a control barrier function `h = distance - reach - margin - 0.2 |v_obstacle|`, with the bound
 //!    `-dh/dt <= min(rate h, sqrt(1.4 a h))` on the speed relative to the circle. The command is replaced by the

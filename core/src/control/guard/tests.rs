@@ -38,6 +38,24 @@ fn full_speed_at_a_wall_ends_before_it() {
 }
 
 #[test]
+fn what_evades_may_be_faster_and_nothing_else() {
+    let guard = Config { evade_max_mps: 2.0, ..Config::default() }.build().unwrap();
+    for (is_evading, most_mps) in [(false, 1.0), (true, 2.0)] {
+        let mut state = State::default();
+        let input = GuardInput { is_evading, ..GuardInput::default() };
+        for _ in 0..100 {
+            guard.step(&mut state, &demand(5.0, 0.0), &input, &[], DT);
+        }
+        assert!((state.command_ned_mps().norm() - most_mps).abs() < 0.01, "{is_evading}: {state:?}");
+        // As it ends the vehicle comes back to the cruise as fast as it may.
+        for _ in 0..30 {
+            guard.step(&mut state, &demand(5.0, 0.0), &GuardInput::default(), &[], DT);
+        }
+        assert!(state.command_ned_mps().norm() <= 1.0001, "{state:?}");
+    }
+}
+
+#[test]
 fn a_glancing_demand_slides_along() {
     let (closest, at) = fly(demand(0.5, 0.3), &[wall(2.0, 0.6)], 0.4);
     assert!(closest > 0.0 && at.north > 3.0, "{closest} {at:?}");

@@ -38,6 +38,7 @@ fn read_one(id: Id, config: &guidance::Config) -> Option<f32> {
     let switch = |is_on: bool| f32::from(u8::from(is_on));
     Some(match id {
         param::FH_SPD_MAX => guard.v_max_mps,
+        param::FH_SPD_EVADE => guard.evade_max_mps,
         param::FH_SPD_Z_MAX => guard.v_down_max_mps,
         param::FH_ACC_MAX => guard.a_max_mps2,
         param::FH_JERK_MAX => guard.jerk_max_mps3,
@@ -122,6 +123,7 @@ impl Values {
         let (guard, mission, planner) = (&mut config.guard, &mut config.mission, &mut config.planner);
         match id {
             param::FH_SPD_MAX => guard.v_max_mps = value,
+            param::FH_SPD_EVADE => guard.evade_max_mps = value,
             param::FH_SPD_Z_MAX => guard.v_down_max_mps = value,
             param::FH_ACC_MAX => guard.a_max_mps2 = value,
             param::FH_JERK_MAX => guard.jerk_max_mps3 = value,

@@ -4,6 +4,7 @@
 use super::Id;
 
 pub const FH_SPD_MAX: Id = Id::of("FH_SPD_MAX");
+pub const FH_SPD_EVADE: Id = Id::of("FH_SPD_EVADE");
 pub const FH_SPD_Z_MAX: Id = Id::of("FH_SPD_Z_MAX");
 pub const FH_ACC_MAX: Id = Id::of("FH_ACC_MAX");
 pub const FH_JERK_MAX: Id = Id::of("FH_JERK_MAX");

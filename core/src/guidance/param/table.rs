@@ -18,6 +18,13 @@ const fn switch(name: &'static str, default: f32, doc: &'static str) -> Param {
 pub const TABLE: &[Param] = &[
     // Motion.
     real("FH_SPD_MAX", "m/s", 1.0, [0.05, 20.0], "Largest horizontal speed."),
+    real(
+        "FH_SPD_EVADE",
+        "m/s",
+        0.0,
+        [0.0, 20.0],
+        "Largest horizontal speed while giving way to what moves, where that is above FH_SPD_MAX.",
+    ),
     real("FH_SPD_Z_MAX", "m/s", 0.5, [0.0, 5.0], "Largest vertical speed."),
     real("FH_ACC_MAX", "m/s/s", 2.0, [0.1, 20.0], "Largest change of the commanded velocity."),
     real("FH_JERK_MAX", "m/s/s/s", 20.0, [1.0, 1000.0], "Largest change of the acceleration while the speed grows."),

@@ -11,6 +11,7 @@ type Place = fn(&guidance::Config) -> f32;
 /// The field of each parameter of guidance, written a second time; in degrees where the table is.
 const PLACES: &[(Id, Place)] = &[
     (FH_SPD_MAX, |c| c.guard.v_max_mps),
+    (FH_SPD_EVADE, |c| c.guard.evade_max_mps),
     (FH_SPD_Z_MAX, |c| c.guard.v_down_max_mps),
     (FH_ACC_MAX, |c| c.guard.a_max_mps2),
     (FH_JERK_MAX, |c| c.guard.jerk_max_mps3),
@@ -257,8 +258,8 @@ fn rows_are_what_a_ground_station_can_show() {
         assert!(param.doc.ends_with('.') && param.doc.is_ascii() && !param.doc.contains('|'), "{name}");
         assert_eq!((id.name(), id.default(), id.range()), (name, param.default, (param.min, param.max)));
     }
-    // A set of waiting answers is one machine word.
-    const { assert!(COUNT <= 64) };
+    // A set of waiting answers has one bit for each.
+    const { assert!(COUNT <= 128) };
 }
 
 #[test]

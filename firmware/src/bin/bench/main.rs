@@ -44,6 +44,7 @@ mod landing;
 mod link;
 mod looks;
 mod pad;
+mod radios;
 mod receiver;
 mod rollouts;
 mod source;
@@ -93,6 +94,7 @@ fn main() -> ! {
     link::rows(&measure);
     landing::rows(&measure);
     pad::rows(&measure);
+    radios::rows(&measure);
     semihosting::process::exit(0)
 }
 
@@ -160,7 +162,7 @@ fn guard_among_obstacles(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
 fn evader_in_a_crowd(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let built = vehicle_model::Config::default()
         .build(0.02)
-        .and_then(|response| evade::Config::default().build(&response, 1.0, 2.0));
+        .and_then(|response| evade::Config::default().build(&response, 1.0, 1.0, 2.0));
     let Ok(evader) = built else { Twin::halt(format_args!("the built-in evader does not build")) };
     let underway = vehicle_model::State::default();
     for (name, people) in [("evade_4", 4), ("evade_16", 16)] {

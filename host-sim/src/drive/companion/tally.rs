@@ -22,6 +22,8 @@ pub(super) struct Tally {
     start: Option<Horizontal>,
     last_step: Option<Instant>,
     last_place: Option<(Instant, Horizontal)>,
+    /// Where it was last, in control.
+    place: Option<Horizontal>,
     hull: Option<Hull>,
     collided: bool,
     /// Where it came to a stand, and when.
@@ -42,6 +44,7 @@ impl Tally {
             start: None,
             last_step: None,
             last_place: None,
+            place: None,
             hull: None,
             collided: false,
             still: None,
@@ -69,6 +72,7 @@ impl Tally {
         }
         let place = fix.heard_at;
         self.start.get_or_insert(place);
+        self.place = Some(place);
         if let Some((_, last)) = self.last_place.replace((fix.heard, place)) {
             self.path_length_m += place.minus(last).norm();
         }
@@ -110,6 +114,7 @@ impl Tally {
             reason: reason.name(),
             time_s: self.time_s,
             path_length_m: self.path_length_m,
+            to_beacon_m: self.place.map_or(0.0, |place| self.source.minus(place).norm()),
             straight_line_m: self.start.map_or(0.0, |start| self.source.minus(start).norm()),
             min_clearance_m: Some(self.min_clearance_m).filter(|clearance| clearance.is_finite()),
             collisions: eyes.is_simulated().then_some(u32::from(self.collided)),

@@ -1,5 +1,7 @@
 //! The input of the direction finding in a flight: bearings with noise, or the antennas' waveforms.
 
+use std::f64::consts::TAU;
+
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::{self, Flags};
 use foxhound_core::guidance::FrontEnd;
@@ -16,6 +18,8 @@ pub(super) struct Receiver<'a> {
     mission: &'a Mission,
     antennas: Antennas,
     random: Random,
+    /// When the next bearing of a slow radio comes.
+    due_s: f64,
 }
 
 /// The reception of one step.
@@ -45,7 +49,7 @@ impl<'a> Receiver<'a> {
         });
         let mut antennas = Antennas { snr_db: Some(snr_db), pattern, ..Antennas::default() };
         antennas.impairments.pulses = mission.scenario.bearing.pulses.map(Pulses::at_antennas);
-        Self { mission, antennas, random: Random::new(mission.seed, 1) }
+        Self { mission, antennas, random: Random::new(mission.seed, 1), due_s: 0.0 }
     }
 
     pub(super) fn receive(&mut self, world: &World, vehicle: &Pose, now: Instant, time_s: f64) -> Reception {
@@ -54,8 +58,13 @@ impl<'a> Receiver<'a> {
         let from = horizontal(vehicle);
         let to_source = world.source_at(time_s).minus(from);
         let is_outlier = settings.outlier.rate > 0.0 && self.random.uniform() < settings.outlier.rate;
-        let offset_rad = if is_outlier { settings.outlier.offset_deg.to_radians() } else { 0.0 };
-        let bearing_ned_rad = to_source.bearing_rad() + offset_rad;
+        let offset_rad = match is_outlier {
+            true if settings.outlier.anywhere => TAU * self.random.uniform(),
+            true => settings.outlier.offset_deg.to_radians(),
+            false => 0.0,
+        };
+        let bias_rad = place_bias(self.mission.seed, from) * settings.place_bias_deg.to_radians();
+        let bearing_ned_rad = to_source.bearing_rad() + offset_rad + bias_rad;
         if inside(scenario.faults.nan_bearing, time_s) {
             return Reception::Bearing(bearing_of(now, f64::NAN, SIGMA_FLOOR_RAD));
         }
@@ -74,13 +83,21 @@ impl<'a> Receiver<'a> {
             let is_dead = inside(scenario.faults.dead_channels[channel], time_s) || is_single && channel > 0;
             if is_dead { Fault::Dead } else { Fault::None }
         });
+        if let Some(rate_hz) = settings.rate_hz {
+            if time_s < self.due_s {
+                return Reception::Nothing;
+            }
+            self.due_s = (self.due_s + 1.0 / rate_hz).max(time_s);
+        }
         match scenario.bearing_model() {
             _ if !world.walls.is_empty() => self.receive_among_walls(world, vehicle, now, time_s, is_silent),
             BearingModel::Noise if is_silent => Reception::Nothing,
             BearingModel::Noise => {
                 let sigma_rad = settings.sigma_deg.to_radians();
                 let azimuth_rad = bearing_ned_rad - vehicle.yaw_rad + sigma_rad * self.random.gaussian();
-                Reception::Bearing(bearing_of(now, wrap_pi(azimuth_rad), sigma_rad.max(SIGMA_FLOOR_RAD)))
+                // A radio that was tried at many places knows how far off it is at one.
+                let told_rad = libm::hypot(sigma_rad, settings.place_bias_deg.to_radians());
+                Reception::Bearing(bearing_of(now, wrap_pi(azimuth_rad), told_rad.max(SIGMA_FLOOR_RAD)))
             }
             BearingModel::Rf => {
                 let apparent = from.along(Horizontal::from_bearing(bearing_ned_rad), to_source.norm());
@@ -136,6 +153,15 @@ impl Receiver<'_> {
     }
 }
 
+/// A standard normal number that belongs to a place.
+fn place_bias(seed: u64, at: Horizontal) -> f64 {
+    let cell = |metres: f64| (metres / PLACE_M).floor() as i64 as u64;
+    let number = cell(at.north).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ cell(at.east).wrapping_mul(0xc2b2_ae3d_27d4_eb4f);
+    Random::new(seed ^ number, 7).gaussian()
+}
+
+/// Side of a place in which the bias is the same.
+const PLACE_M: f64 = 2.0;
 /// Largest number of reflections of a path.
 const REFLECTIONS_MAX: usize = 3;
 /// Paths with a larger loss are ignored.

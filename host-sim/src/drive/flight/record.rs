@@ -1,7 +1,6 @@
 //! The record of a flight: its end, its path, its plans.
 
 use std::fmt;
-use std::io;
 
 use foxhound_computer::twin::Planned;
 use foxhound_core::base::obstacle::Circle;
@@ -28,6 +27,8 @@ pub enum Ending {
     Collision,
     /// Not ended by the time limit.
     Timeout,
+    /// Still under way when the program was told to end.
+    Interrupted,
 }
 
 /// The result of a flight: the object that is printed.
@@ -47,6 +48,9 @@ pub struct Report {
     pub path_length_m: f64,
     /// Distance from the start to the goal's position at the end.
     pub straight_line_m: f64,
+    /// Horizontal distance to the beacon at the end: a flight ends within the goal tolerance of it. With it the path is never
+    /// shorter than the straight line.
+    pub to_beacon_m: f64,
     /// Smallest distance between hull and pillars; `None` in a world without pillars.
     pub min_clearance_m: Option<f64>,
     /// Collisions, 0 or 1: the first one ends the flight; `None` where the true obstacles are unknown.
@@ -138,15 +142,12 @@ pub struct Record {
 pub enum FlightError {
     /// The computer failed.
     Computer(ComputerError),
-    /// The telemetry log could not be written.
-    Log(io::Error),
 }
 
 impl fmt::Display for FlightError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Computer(error) => error.fmt(f),
-            Self::Log(error) => write!(f, "telemetry log: {error}"),
         }
     }
 }
@@ -156,11 +157,5 @@ impl std::error::Error for FlightError {}
 impl From<ComputerError> for FlightError {
     fn from(error: ComputerError) -> Self {
         Self::Computer(error)
-    }
-}
-
-impl From<io::Error> for FlightError {
-    fn from(error: io::Error) -> Self {
-        Self::Log(error)
     }
 }

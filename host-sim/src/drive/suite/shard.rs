@@ -48,6 +48,12 @@ impl fmt::Display for Shard {
 }
 
 impl Shard {
+    /// All of it.
+    #[must_use]
+    pub const fn whole() -> Self {
+        Self { number: 1, of: 1 }
+    }
+
     /// Whether the suite's flight of this number, from 0 on, belongs to it.
     #[must_use]
     pub const fn takes(self, flight: usize) -> bool {

@@ -2,8 +2,7 @@
 //!
 //! A [`Log`] watches the flight as the report does, and writes the [`Recorder`]'s records of each step as JSON
 //! messages, every topic with its schema. Foxglove's own message types are used where they exist. Times are those of
-//! the flight, from its first step. The file is written in chunks during the flight: `mcap recover` restores those of
-//! an interrupted program.
+//! the flight, from its first step. The file is written in chunks during the flight, and gets its name when it is complete.
 //!
 //! | file | content |
 //! |---|---|
@@ -13,8 +12,6 @@
 //! | `scene.rs` | drawings |
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
-use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 use ::mcap::records::MessageHeader;
@@ -27,6 +24,7 @@ use crate::drive::flight::{Ending, Mission, Moment, Report};
 use crate::record::report::Recorder;
 use crate::record::report::record::{Begin, Plan, Record, Remembered, Step, Tracks};
 use crate::scenario::input::InputError;
+use crate::scenario::output::{self, Output};
 use frame::{Enu, Rotation, enu};
 
 mod frame;
@@ -306,7 +304,7 @@ impl Way {
 /// The file.
 struct Mcap {
     path: PathBuf,
-    writer: Writer<BufWriter<File>>,
+    writer: Writer<Output>,
     /// Per topic: its channel, and its number of messages.
     channels: Vec<(u16, u32)>,
     /// The first error; nothing is written after it.
@@ -315,13 +313,10 @@ struct Mcap {
 
 impl Mcap {
     fn create(path: &Path) -> Result<Self, InputError> {
-        let named = |error: String| InputError::new(format!("--mcap {}: {error}", path.display()));
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-        let file = folder.map_or(Ok(()), fs::create_dir_all).and_then(|()| File::create(path));
-        let file = file.map_err(|error| named(error.to_string()))?;
+        let file = Output::create(path).map_err(named)?;
         let options = WriteOptions::new().compression(None).library(concat!("foxhound ", env!("CARGO_PKG_VERSION")));
         let begun = || {
-            let mut writer = options.create(BufWriter::new(file))?;
+            let mut writer = options.create(file)?;
             let mut schemas = BTreeMap::new();
             let mut channels = Vec::new();
             for (_, topic, name, schema) in TOPICS {
@@ -334,7 +329,7 @@ impl Mcap {
             }
             Ok((writer, channels))
         };
-        let (writer, channels) = begun().map_err(|error: McapError| named(error.to_string()))?;
+        let (writer, channels) = begun().map_err(|error: McapError| named(output::failed(path, &error)))?;
         Ok(Self { path: path.to_owned(), writer, channels, failed: None })
     }
 
@@ -365,7 +360,7 @@ impl Mcap {
         self.then(|writer| writer.attach(&attachment));
     }
 
-    fn then(&mut self, write: impl FnOnce(&mut Writer<BufWriter<File>>) -> Result<(), McapError>) {
+    fn then(&mut self, write: impl FnOnce(&mut Writer<Output>) -> Result<(), McapError>) {
         if self.failed.is_none() {
             self.failed = write(&mut self.writer).err();
         }
@@ -374,10 +369,15 @@ impl Mcap {
     fn finish(mut self) -> Result<(), InputError> {
         self.then(|writer| writer.finish().map(drop));
         match self.failed {
-            None => Ok(()),
-            Some(error) => Err(InputError::new(format!("--mcap {}: {error}", self.path.display()))),
+            None => self.writer.into_inner().finish().map_err(named),
+            Some(error) => Err(named(output::failed(&self.path, &error))),
         }
     }
+}
+
+/// The error of the option's file.
+fn named(error: InputError) -> InputError {
+    InputError::new(format!("--mcap {error}"))
 }
 
 #[cfg(test)]

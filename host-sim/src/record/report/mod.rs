@@ -15,10 +15,10 @@
 //! Most of a page is the potential of its plans. That of the built-in mission is below 1.5 MB
 //! (`tests/cli/report.rs`).
 
-use std::fs;
 use std::path::Path;
 
 use crate::scenario::input::InputError;
+use crate::scenario::output;
 
 mod beside;
 mod live;
@@ -91,9 +91,7 @@ fn page_of(lines: &[String], contact: Contact) -> String {
 /// # Errors
 /// The file cannot be written.
 pub fn write(path: &Path, lines: &[String]) -> Result<(), InputError> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let written = folder.map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::write(path, page(lines)));
-    written.map_err(|error| InputError::new(error.to_string()).in_file(path))
+    output::write(path, page(lines).as_bytes())
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The known keys.
 
 /// The keys that scenario files and suite files share, with their paths.
-pub(crate) const FLIGHT_KEYS: [&str; 35] = [
+pub(crate) const FLIGHT_KEYS: [&str; 39] = [
     "name",
     "why",
     "frame",
@@ -23,6 +23,9 @@ pub(crate) const FLIGHT_KEYS: [&str; 35] = [
     "bearing.outlier",
     "bearing.outlier.rate",
     "bearing.outlier.offset_deg",
+    "bearing.outlier.anywhere",
+    "bearing.rate_hz",
+    "bearing.place_bias_deg",
     "bearing.dropout",
     "bearing.tone_known",
     "bearing.pulses",
@@ -30,6 +33,7 @@ pub(crate) const FLIGHT_KEYS: [&str; 35] = [
     "bearing.pulses.length_s",
     "limits",
     "limits.v_max",
+    "limits.v_evade",
     "limits.a_max",
     "vehicle",
     "vehicle.model",

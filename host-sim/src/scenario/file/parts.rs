@@ -140,6 +140,12 @@ pub struct Bearing {
     pub tone_known: bool,
     /// The beacon transmits in pulses only.
     pub pulses: Option<Pulses>,
+    /// Bearings a second of the noise model, as of a radio that is slower than the flight [default: one every step].
+    #[schemars(range(min = 0.2, max = 50.0))]
+    pub rate_hz: Option<f64>,
+    /// Standard deviation of an error of the noise model that stays the same within two metres.
+    #[schemars(range(min = 0.0, max = 45.0))]
+    pub place_bias_deg: f64,
 }
 
 /// Source of the bearings.
@@ -163,6 +169,8 @@ pub struct Outlier {
     /// Their error.
     #[schemars(range(min = -360.0, max = 360.0))]
     pub offset_deg: f64,
+    /// They come from any direction instead.
+    pub anywhere: bool,
 }
 
 /// Directional antennas: with one of them, or with fewer than three of four, the vehicle finds the beacon by
@@ -195,6 +203,9 @@ pub struct Limits {
     /// Speed, m/s.
     #[schemars(range(min = 0.05, max = 20.0))]
     pub v_max: f64,
+    /// Speed while giving way to what moves, m/s, where that is above `v_max`.
+    #[schemars(range(min = 0.0, max = 20.0))]
+    pub v_evade: f64,
     /// Acceleration, m/s^2.
     #[schemars(range(min = 0.1, max = 20.0))]
     pub a_max: f64,
@@ -275,6 +286,8 @@ impl Default for Bearing {
             dropout: None,
             tone_known: false,
             pulses: None,
+            rate_hz: None,
+            place_bias_deg: 0.0,
         }
     }
 }
@@ -293,7 +306,7 @@ impl Default for Antenna {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { v_max: 1.0, a_max: 2.0 }
+        Self { v_max: 1.0, v_evade: 0.0, a_max: 2.0 }
     }
 }
 

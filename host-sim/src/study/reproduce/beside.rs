@@ -1,10 +1,24 @@
 //! How lines of published numbers beside ours are written.
 
 use crate::drive::suite::Tally;
-use crate::study::{Beside, Study};
+use crate::study::{Beside, Judgement, Study, Verdict};
 
 pub(super) fn line<S: Study>(what: String, [published, theirs, ours]: [String; 3]) -> Beside {
     Beside { experiment: S::NAME.to_owned(), what, published, theirs, ours }
+}
+
+pub(super) fn judged<S: Study>(figure: &str, verdict: Verdict, why: String) -> Judgement {
+    Judgement { experiment: S::NAME.to_owned(), figure: figure.to_owned(), verdict, why }
+}
+
+/// A number, or that there is none.
+pub(super) fn shown(number: f64, decimals: usize) -> String {
+    if number.is_finite() { format!("{number:.decimals$}") } else { "no number".to_owned() }
+}
+
+/// The same with its sign.
+pub(super) fn signed(number: f64, decimals: usize) -> String {
+    if number.is_finite() { format!("{number:+.decimals$}") } else { "no number".to_owned() }
 }
 
 pub(super) fn empty() -> String {

@@ -18,7 +18,7 @@ use foxhound_core::planning::planner::{self, Kind};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::beside::{self, empty, line};
+use super::beside::{self, empty, judged, line, signed};
 use super::chart::{Axis, Bar, Bars, Chart, Panel, Series};
 use super::kinematic::Rules;
 use super::potential::{draw_heat, draw_surface};
@@ -26,7 +26,7 @@ use super::settings::Settings;
 use crate::drive::maps::{self, TABLE_I};
 use crate::drive::suite::{self, Selection, Tally, wilson_95};
 use crate::scenario::input::InputError;
-use crate::study::{Beside, Study, Watch};
+use crate::study::{Beside, Judgement, Study, Verdict, Watch};
 
 mod flights;
 
@@ -317,6 +317,47 @@ impl Study for Report {
         let words = [format!("{length:+.1} %"), shorter(paper), shorter(ours)];
         lines.push(line::<Self>("path, longer than the baseline's, pairs that all reach".to_owned(), words));
         lines
+    }
+
+    fn judgements(&self) -> Vec<Judgement> {
+        let all = &self.all;
+        let points = |better: &Tally| {
+            100.0 * better.success_rate.zip(all.standard.success_rate).map_or(f64::NAN, |(better, base)| better - base)
+        };
+        let longer = |length: Option<f64>| {
+            100.0 * length.zip(all.relative_length.standard).map_or(f64::NAN, |(length, base)| length / base - 1.0)
+        };
+        let [success, length] = self.printed_gains_percent;
+        let last = self.rows.last();
+        let of_last = |pick: fn(&Columns) -> &Tally| last.map_or_else(empty, |row| beside::rate(pick(&row.columns)));
+        let maps = "Maps of the printed mean and variance are drawn here, since the paper's own are not at hand";
+        let (theirs, ours) = (points(&all.paper), points(&all.ours));
+        let rates = format!(
+            "The paper's planner reaches {} points more than the baseline where {success:+.0} % are printed, and on the \
+             fifth map {} against the baseline's {}; Foxhound, with dynamics, {} points and {} there.",
+            signed(theirs, 1),
+            of_last(|columns| &columns.paper),
+            of_last(|columns| &columns.standard),
+            signed(ours, 1),
+            of_last(|columns| &columns.ours)
+        );
+        let (their_length, our_length) = (longer(all.relative_length.paper), longer(all.relative_length.ours));
+        let lengths = format!(
+            "Where all reach, the path of the paper's planner differs from the baseline's by {} % where {length:+.1} % are \
+             printed; Foxhound's by {} %.",
+            signed(their_length, 1),
+            signed(our_length, 1)
+        );
+        let is_near = |here: f64, printed: f64| (here - printed).abs() <= 5.0;
+        vec![
+            judged::<Self>("main paper, Table I", Verdict::Reproduced, format!("{maps}.")),
+            judged::<Self>("main paper, fig. 9", Verdict::of(is_near(theirs, success), ours >= success), rates),
+            judged::<Self>(
+                "main paper, fig. 10",
+                Verdict::of(is_near(their_length, length), our_length <= length),
+                lengths,
+            ),
+        ]
     }
 }
 

@@ -7,7 +7,7 @@ use serde_json::Value;
 use super::settings::Settings;
 use super::{circle, crb, density, localize, mmwave, multipath, stretch, variants};
 use crate::scenario::input::InputError;
-use crate::study::{Beside, Study, Watch};
+use crate::study::{Beside, Judgement, Study, Watch};
 
 /// The result of an experiment.
 #[derive(Clone, Debug)]
@@ -18,6 +18,8 @@ pub struct Outcome {
     pub table: String,
     /// What was published, and what was measured here.
     pub beside: Vec<Beside>,
+    /// Figure by figure, whether it comes out here.
+    pub judgements: Vec<Judgement>,
     /// The pictures that were drawn.
     pub pictures: Vec<PathBuf>,
 }
@@ -90,5 +92,5 @@ fn outcome<S: Study>(settings: &S::Settings, folder: Option<&Path>, watch: Watch
     let report = S::run(settings, watch)?;
     let json = serde_json::to_string(&report).map_err(|error| InputError::new(error.to_string()))? + "\n";
     let pictures = folder.map_or(Ok(Vec::new()), |folder| report.figures(folder))?;
-    Ok(Outcome { json, table: report.table(), beside: report.verdict(), pictures })
+    Ok(Outcome { json, table: report.table(), beside: report.verdict(), judgements: report.judgements(), pictures })
 }

@@ -20,11 +20,11 @@ use rayon::prelude::{IntoParallelIterator as _, ParallelIterator as _};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::beside::{empty, line};
+use super::beside::{empty, judged, line, shown};
 use super::chart::{Axis, Chart, Panel, Series};
 use super::settings::Settings;
 use crate::scenario::input::InputError;
-use crate::study::{Beside, Study, Watch};
+use crate::study::{Beside, Judgement, Study, Verdict, Watch};
 use crate::world::Horizontal;
 use crate::world::random::Random;
 
@@ -252,6 +252,34 @@ impl Study for Report {
             line::<Self>(what, words)
         })
         .collect()
+    }
+
+    fn judgements(&self) -> Vec<Judgement> {
+        let off = |row: &Row| (row.greedy_stretch.mean / row.closed_form - 1.0).abs();
+        // Where the model converges, and outliers are fewer than half.
+        let rows: Vec<&Row> = self.rows.iter().filter(|row| row.p <= 0.4 && row.closed_form.is_finite()).collect();
+        let most = 100.0 * rows.iter().map(|row| off(row)).fold(0.0, f64::max);
+        let [p, sigma_deg, printed] = PAPER;
+        let told = self.rows.iter().find(|row| [row.p, row.sigma_deg] == [p, sigma_deg]);
+        let (theirs, ours) =
+            told.map_or((f64::NAN, f64::NAN), |row| (row.greedy_stretch.mean, row.filtered_stretch.mean));
+        let why = format!(
+            "The one number in the text, {printed} at a rate of outliers of {p} and {sigma_deg} deg, is {} here, as the paper's \
+             own model says; with the filters Foxhound's is {}.",
+            shown(theirs, 2),
+            shown(ours, 2)
+        );
+        let verdict = Verdict::of((theirs / printed - 1.0).abs() <= 0.05, ours <= printed);
+        let spread = "The paper prints curves without numbers: the spread over outliers and noise is drawn as it does, and has no \
+                      number to be held against.";
+        vec![
+            judged::<Self>("rotating vehicle's paper, fig. 3", verdict, why),
+            judged::<Self>(
+                "rotating vehicle's paper, fig. 4",
+                Verdict::of(most <= 5.0, false),
+                format!("{spread} The mean is within {most:.1} % of the paper's model where outliers are 0.4 at most."),
+            ),
+        ]
     }
 }
 

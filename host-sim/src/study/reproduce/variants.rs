@@ -22,12 +22,12 @@ use foxhound_papers::apf::Field;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::beside::{empty, line};
+use super::beside::{empty, judged, line};
 use super::potential::{Scene as Pictured, draw_heat, draw_surface};
 use super::settings::Settings;
 use crate::drive::flight::Ending;
 use crate::scenario::input::InputError;
-use crate::study::{Beside, Study, Watch};
+use crate::study::{Beside, Judgement, Study, Verdict, Watch};
 use crate::world::{Horizontal, from_core};
 
 /// Repulsion constants that are tried.
@@ -377,6 +377,28 @@ impl Study for Report {
         let words = [format!("{cells} of {cells}"), format!("{} of {cells}", self.beside.agreeing), empty()];
         lines.push(line::<Self>("cells of the table that agree on who reaches the goal".to_owned(), words));
         lines
+    }
+
+    fn judgements(&self) -> Vec<Judgement> {
+        let figure = |number: usize, scene: &Scene| {
+            let cells: Vec<&Cell> = self.beside.cells.iter().filter(|cell| cell.scene == scene.name).collect();
+            let agreeing = cells.iter().filter(|cell| cell.printed_time_s.is_some() == cell.time_s.is_some()).count();
+            let why = format!(
+                "{agreeing} of {} fields end as printed, from 5 cm beside the printed start and with gains that are ours: the \
+                 paper prints none.",
+                cells.len()
+            );
+            let verdict = Verdict::of(agreeing == cells.len(), false);
+            judged::<Self>(&format!("variants paper, fig. {number}"), verdict, why)
+        };
+        let mut all: Vec<Judgement> = (2..).zip(&SCENES).map(|(number, scene)| figure(number, scene)).collect();
+        let (agreeing, cells) = (self.beside.agreeing, self.beside.cells.len());
+        let why = format!(
+            "{agreeing} of {cells} cells agree on who reaches the goal; its times depend on gains and a controller that are not \
+             printed, and no gains that were tried give all of them."
+        );
+        all.insert(0, judged::<Self>("variants paper, Table I", Verdict::of(agreeing == cells, false), why));
+        all
     }
 }
 

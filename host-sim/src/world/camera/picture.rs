@@ -8,6 +8,7 @@ use foxhound_pad::{Format, HEIGHT_MAX, WIDTH_MAX};
 
 use super::frame::{Frame, Size};
 use crate::scenario::input::InputError;
+use crate::scenario::output;
 
 /// Largest number of pixels of a file.
 const PIXELS_MAX: u64 = 100_000_000;
@@ -91,15 +92,14 @@ impl Picture {
     /// Names the file.
     pub fn write(&self, path: &Path) -> Result<(), InputError> {
         let failed = |error: String| InputError::new(error).in_file(path);
-        if let Some(folder) = path.parent() {
-            std::fs::create_dir_all(folder).map_err(|error| failed(error.to_string()))?;
-        }
-        let file = std::fs::File::create(path).map_err(|error| failed(error.to_string()))?;
-        let mut encoder = png::Encoder::new(file, self.width as u32, self.height as u32);
+        let mut png = Vec::new();
+        let mut encoder = png::Encoder::new(&mut png, self.width as u32, self.height as u32);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
         let mut writer = encoder.write_header().map_err(|error| failed(error.to_string()))?;
-        writer.write_image_data(&self.rgb).map_err(|error| failed(error.to_string()))
+        writer.write_image_data(&self.rgb).map_err(|error| failed(error.to_string()))?;
+        drop(writer);
+        output::write(path, &png)
     }
 }
 

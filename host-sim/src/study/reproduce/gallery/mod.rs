@@ -19,7 +19,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{Experiment, Settings};
 use crate::scenario::input::InputError;
-use crate::study::Beside;
+use crate::scenario::output;
+use crate::study::{Beside, Judgement};
 
 mod page;
 
@@ -43,6 +44,7 @@ struct Made {
     settings: serde_json::Value,
     seconds: f64,
     beside: Vec<Beside>,
+    judgements: Vec<Judgement>,
     files: Vec<Part>,
 }
 
@@ -83,6 +85,8 @@ pub struct Summary {
     pub experiments: Vec<Shown>,
     /// What was published, beside ours.
     pub beside: Vec<Beside>,
+    /// Figure by figure, whether it comes out here.
+    pub judgements: Vec<Judgement>,
 }
 
 impl Gallery {
@@ -133,6 +137,7 @@ impl Gallery {
             settings: (experiment.chosen)(&self.settings),
             seconds,
             beside: outcome.beside,
+            judgements: outcome.judgements,
             files: names.into_iter().map(part).collect::<Result<_, _>>()?,
         };
         let list = serde_json::to_string(&made).map_err(|error| InputError::new(error.to_string()))?;
@@ -159,8 +164,9 @@ impl Gallery {
     #[must_use]
     pub fn summary(self) -> Summary {
         let beside = self.shown.iter().flat_map(|shown| shown.made.beside.clone()).collect();
+        let judgements = self.shown.iter().flat_map(|shown| shown.made.judgements.clone()).collect();
         let seconds = self.shown.iter().map(|shown| shown.seconds).sum();
-        Summary { index: self.folder.join(INDEX), seconds, experiments: self.shown, beside }
+        Summary { index: self.folder.join(INDEX), seconds, experiments: self.shown, beside, judgements }
     }
 
     fn show(&mut self, experiment: Experiment, made: Made, table: String, kept: bool) {
@@ -199,8 +205,7 @@ fn hash(bytes: &[u8]) -> String {
 }
 
 fn write(path: &Path, text: &str) -> Result<(), InputError> {
-    let folder = path.parent().map_or(Ok(()), fs::create_dir_all);
-    folder.and_then(|()| fs::write(path, text)).map_err(|error| InputError::new(error.to_string()).in_file(path))
+    output::write(path, text.as_bytes())
 }
 
 #[cfg(test)]

@@ -3,8 +3,8 @@
 use std::fmt::Write as _;
 
 use super::{REPORT, Shown, TABLE};
-use crate::study::Beside;
-use crate::study::reproduce::{Experiment, Settings};
+use crate::study::reproduce::{Experiment, PAPERS, Settings};
+use crate::study::{Beside, Judgement};
 
 const STYLE: &str = include_str!("page.css");
 
@@ -33,7 +33,9 @@ pub(super) fn page(all: &[Shown], settings: &Settings, command: &str) -> String 
     for experiment in experiments(all) {
         let _ = writeln!(html, "<li><a href=\"#{}\">{}</a></li>", experiment.name, text(experiment.title));
     }
-    html.push_str("</ul></nav>\n<section id=\"published\">\n<h2>What was published, and ours</h2>\n");
+    html.push_str("</ul></nav>\n");
+    verdicts(&mut html, &all.iter().flat_map(|shown| &shown.made.judgements).collect::<Vec<_>>());
+    html.push_str("<section id=\"published\">\n<h2>What was published, and ours</h2>\n");
     html.push_str(
         "<p>Published: the number that the paper prints, empty where it prints none. Its method here: the published method \
          in this program, under the conditions of this program. What was left open, and how it was read, stands with each \
@@ -45,6 +47,7 @@ pub(super) fn page(all: &[Shown], settings: &Settings, command: &str) -> String 
     for (shown, experiment) in all.iter().zip(experiments(all)) {
         section(&mut html, shown, experiment);
     }
+    citations(&mut html);
     html.push_str("</main>\n</body>\n</html>\n");
     html
 }
@@ -104,6 +107,36 @@ fn comparison(html: &mut String, lines: &[&Beside], names: bool) {
         html.push_str("</tr>\n");
     }
     html.push_str("</tbody></table></div>\n");
+}
+
+/// Figure by figure, whether it comes out here.
+fn verdicts(html: &mut String, judgements: &[&Judgement]) {
+    html.push_str(
+        "<section id=\"verdicts\">\n<h2>Figure by figure</h2>\n<p>Reproduced: the published method gives the published result \
+         here. Better: it does not, and Foxhound's result is at least as good as the published one.</p>\n<div class=\"wide\" \
+         tabindex=\"0\"><table>\n<thead><tr><th scope=\"col\">figure</th><th scope=\"col\">verdict</th><th \
+         scope=\"col\">why</th></tr></thead>\n<tbody>\n",
+    );
+    for Judgement { experiment, figure, verdict, why } in judgements {
+        let _ = writeln!(
+            html,
+            "<tr><th scope=\"row\"><a href=\"#{}\">{}</a></th><td>{}</td><td>{}</td></tr>",
+            text(experiment),
+            text(figure),
+            verdict.words(),
+            text(why)
+        );
+    }
+    html.push_str("</tbody></table></div>\n</section>\n");
+}
+
+/// The papers, in full.
+fn citations(html: &mut String) {
+    html.push_str("<section id=\"papers\">\n<h2>The papers</h2>\n<dl>\n");
+    for (name, citation) in PAPERS {
+        let _ = writeln!(html, "<dt>{}</dt><dd>{}</dd>", text(name), text(citation));
+    }
+    html.push_str("</dl>\n</section>\n");
 }
 
 /// `1 min 20 s`.

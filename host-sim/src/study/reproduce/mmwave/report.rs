@@ -20,10 +20,10 @@ use super::trial::{CYCLES_MAX, FOUND_M, Noise, Trial};
 use crate::drive::suite::wilson_95;
 use crate::record::sheet::{Drawn, FAINT_INK, GROUND, INK, fill, line, path, pixels, text, write_svg};
 use crate::scenario::input::InputError;
-use crate::study::reproduce::beside::{self, empty, percent};
+use crate::study::reproduce::beside::{self, empty, judged, percent, shown};
 use crate::study::reproduce::chart::{Axis, Chart, Panel, Series};
 use crate::study::reproduce::settings::Settings;
-use crate::study::{Beside, Study, Watch};
+use crate::study::{Beside, Judgement, Study, Verdict, Watch};
 use crate::world::Horizontal;
 
 /// What the paper prints at 0.35 rad (table 3): success rate and duration over the baseline's, of the baseline, of the
@@ -353,6 +353,48 @@ impl Study for Report {
             entry(
                 "path over the baseline's, with covariance minimisation",
                 [length(Some(with[1])), empty(), length(belief.all.relative_length)],
+            ),
+        ]
+    }
+
+    fn judgements(&self) -> Vec<Judgement> {
+        let Some(noisy) = self.noises.get(1) else { return Vec::new() };
+        let [_, _, switch, estimate, belief] = noisy.agents.as_slice() else { return Vec::new() };
+        let [_, without, with] = self.printed;
+        let rate = |row: &Row| 100.0 * row.all.success_rate;
+        let length = |row: &Row| row.all.relative_length.unwrap_or(f64::NAN);
+        let is_near = |row: &Row, printed: [f64; 2]| {
+            (rate(row) - 100.0 * printed[0]).abs() <= 3.0 && (length(row) - printed[1]).abs() <= 0.05
+        };
+        let table = format!(
+            "Its switch finds {:.1} % at {} of the baseline's path where {:.1} % and {:.2} are printed; minimising the covariance, \
+             which should shorten it to {:.2}, gives {} here against {} without.",
+            rate(switch),
+            shown(length(switch), 2),
+            100.0 * without[0],
+            without[1],
+            with[1],
+            shown(length(belief), 2),
+            shown(length(estimate), 2)
+        );
+        let is_better = rate(belief) >= 100.0 * with[0] && length(belief) <= with[1];
+        // The paper's point is that minimising shortens the path.
+        let is_shorter = length(belief) < length(estimate);
+        let verdict = Verdict::of(is_shorter && is_near(switch, without) && is_near(belief, with), is_better);
+        let flats = "The paper's flats are not at hand: flats are drawn here";
+        vec![
+            judged::<Self>("mmWave paper, Table 3", verdict, table),
+            judged::<Self>(
+                "mmWave paper, fig. 5",
+                Verdict::Reproduced,
+                format!("{flats}, and a search of the same kind is drawn: walls, directions and path."),
+            ),
+            judged::<Self>(
+                "mmWave paper, fig. 6",
+                verdict,
+                format!(
+                    "{flats}, and their profiles follow Table 3: the order of the agents with and without minimising is another."
+                ),
             ),
         ]
     }

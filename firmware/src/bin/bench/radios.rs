@@ -1,0 +1,114 @@
+//! What other receivers cost: a packet of an array behind a switch, a covariance of eight channels, a beam all round.
+
+use core::f32::consts::TAU;
+use core::hint::black_box;
+
+use foxhound_core::base::rng::Rng;
+use foxhound_core::base::time::Instant;
+use foxhound_core::base::units::{sin_cos, wrap_pi};
+use foxhound_core::doa::beam::{self, Beam, Covariance, Source};
+use foxhound_core::doa::switched::{self, Emitter, Group};
+use foxhound_core::signal::phase::Complex;
+use foxhound_core::signal::switched::{self as slots, SLOTS_MAX};
+use foxhound_firmware::board::Board as _;
+use static_cell::ConstStaticCell;
+
+use crate::{Twin, row};
+
+const ANTENNAS: usize = 8;
+/// Slots of a packet of 160 us, and samples of a slot.
+const SLOTS: usize = 37;
+const SAMPLES: usize = 3;
+/// Samples of a channel, and how many of them are different.
+const N: usize = 256;
+const KEPT: usize = 16;
+
+static PACKET: ConstStaticCell<[Complex; SLOTS * SAMPLES]> =
+    ConstStaticCell::new([Complex { re: 0.0, im: 0.0 }; SLOTS * SAMPLES]);
+static FRAME: ConstStaticCell<[beam::Vector; KEPT]> =
+    ConstStaticCell::new([[Complex { re: 0.0, im: 0.0 }; ANTENNAS]; KEPT]);
+
+pub(super) fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
+    let mut rng = Rng::new(31, 8);
+    packets(measure, &mut rng);
+    frames(measure, &mut rng);
+}
+
+/// A ring of eight.
+fn beam() -> Beam {
+    let antennas_m = core::array::from_fn(|k| {
+        let z = Complex::at(wrap_pi(k as f32 * TAU / ANTENNAS as f32)).scaled(0.5);
+        [z.re, z.im]
+    });
+    let config = beam::Config { wavelength_m: 1.0, antennas_m, count: ANTENNAS };
+    match config.build() {
+        Ok(beam) => beam,
+        Err(_) => Twin::halt(format_args!("the ring of eight does not build")),
+    }
+}
+
+/// The worst of some packets.
+#[inline(never)]
+fn packets(measure: &impl Fn(&mut dyn FnMut()) -> u32, rng: &mut Rng) {
+    let mut pattern = [0; SLOTS_MAX];
+    for (slot, antenna) in pattern.iter_mut().zip(1..=ANTENNAS as u8) {
+        *slot = antenna;
+    }
+    let (sample_rate_hz, tone_hz, slot_s, pattern_slots) = (2e6, 250e3, 4e-6, ANTENNAS);
+    let schedule = slots::Config { antennas: ANTENNAS, sample_rate_hz, tone_hz, slot_s, pattern, pattern_slots };
+    let built = schedule.build(SLOTS, SAMPLES).and_then(|reader| switched::Config::default().build(beam(), reader));
+    let Ok(estimator) = built else { Twin::halt(format_args!("the switched array does not build")) };
+    let packet = PACKET.take();
+    let mut emitter = Emitter::default();
+    let mut worst = 0;
+    for number in 0..12 {
+        let azimuth_rad = 0.5 * number as f32;
+        for (at, sample) in packet.iter_mut().enumerate() {
+            let (slot, k) = (at / SAMPLES, at % SAMPLES);
+            let away_rad = azimuth_rad - (slot % ANTENNAS) as f32 * TAU / ANTENNAS as f32;
+            let (_, cosine) = sin_cos(wrap_pi(away_rad));
+            let turns = 9e3 * (slot as f32 * 4e-6 + k as f32 * 0.5e-6) + k as f32 / 8.0 + 0.5 * cosine;
+            let z = Complex::at(wrap_pi(TAU * turns));
+            *sample = Complex { re: z.re + 0.1 * rng.gaussian(), im: z.im + 0.1 * rng.gaussian() };
+        }
+        let mut group = Group::default();
+        let taken = measure(&mut || {
+            estimator.take(&mut emitter, &mut group, black_box(&packet[..]));
+            black_box(estimator.bearing(&group, Instant(0)));
+        });
+        worst = worst.max(taken);
+    }
+    row("cte_packet", worst, 0);
+}
+
+#[inline(never)]
+fn frames(measure: &impl Fn(&mut dyn FnMut()) -> u32, rng: &mut Rng) {
+    let (beam, frame) = (beam(), FRAME.take());
+    let wave = beam.toward(1.1);
+    for z in frame.iter_mut() {
+        let sent = Complex { re: rng.gaussian(), im: rng.gaussian() };
+        for (z, a) in z.iter_mut().zip(wave) {
+            let clean = a.times(sent);
+            *z = Complex { re: clean.re + 0.3 * rng.gaussian(), im: clean.im + 0.3 * rng.gaussian() };
+        }
+    }
+    let mut covariance = Covariance::default();
+    let added = measure(&mut || {
+        for _ in 0..N / KEPT {
+            for z in black_box(&*frame) {
+                covariance.add(z, 1.0);
+            }
+        }
+    });
+    row("covariance_8x256", added, 0);
+    let turned = measure(&mut || {
+        black_box(beam.strongest(black_box(&covariance)));
+    });
+    // The table has 72 directions.
+    row("beam_36", turned / 2, 0);
+    let source = Source::default();
+    let found = measure(&mut || {
+        black_box(source.bearing(&beam, black_box(&covariance), 0.0, Instant(0)));
+    });
+    row("covariance_bearing", found, 0);
+}

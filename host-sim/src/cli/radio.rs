@@ -1,0 +1,113 @@
+//! `--bearings`: a radio that runs instead of antennas that are simulated.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use clap::Args;
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::bearing::Bearing;
+use foxhound_sim::drive::companion::Bearings;
+use foxhound_sim::scenario::input::{AZIMUTH_DEG, InputError, check_within};
+use foxhound_sim::tools::live::{Live, Options, Source, State};
+use foxhound_sim::tools::radio_array::RadioArray;
+
+use super::terminal::warn;
+use super::value::number;
+
+/// Sigma that may be given to bearings without one.
+const SIGMA_DEG: std::ops::RangeInclusive<f64> = 0.1..=60.0;
+/// Age of a bearing that is still used.
+const AGE_S: std::ops::RangeInclusive<f64> = 0.02..=10.0;
+
+#[derive(Args, Debug)]
+pub(super) struct RadioArgs {
+    /// A radio that finds directions: kraken:, heimdall:, hci:, uudf: or udp:, see below.
+    #[arg(long, value_name = "SOURCE")]
+    bearings: Option<Source>,
+    /// Description of its array, as for `foxhound bearing`, where it sends samples.
+    #[arg(long, value_name = "FILE")]
+    array: Option<PathBuf>,
+    /// The transmitter that is flown to: frequency in Hz (kraken), handle (hci), address (uudf, 0x...) [default: any].
+    #[arg(long, value_name = "ID", value_parser = identity)]
+    emitter: Option<u64>,
+    /// Where the antennas' zero points, from the nose and clockwise.
+    #[arg(
+        long,
+        value_name = "DEG",
+        default_value_t = 0.0,
+        value_parser = number(AZIMUTH_DEG),
+        allow_negative_numbers = true
+    )]
+    mount_deg: f64,
+    /// Standard deviation of bearings that come without one (kraken, uudf).
+    #[arg(long, value_name = "DEG", default_value_t = 8.0, value_parser = number(SIGMA_DEG), allow_negative_numbers = true)]
+    sigma_deg: f64,
+    /// A bearing older than this, in seconds, is not used.
+    #[arg(long, value_name = "S", default_value_t = 0.5, value_parser = number(AGE_S), allow_negative_numbers = true)]
+    bearing_age: f64,
+}
+
+/// A whole number, or one in hexadecimal after 0x.
+fn identity(text: &str) -> Result<u64, String> {
+    let number = match text.strip_prefix("0x") {
+        Some(digits) => u64::from_str_radix(digits, 16),
+        None => text.parse(),
+    };
+    number.map_err(|_| "expected a whole number, or 0x and hexadecimal digits".to_owned())
+}
+
+impl RadioArgs {
+    /// The description of the array.
+    pub(super) fn array(&self) -> Option<&Path> {
+        self.array.as_deref()
+    }
+
+    /// Which radio, in words.
+    pub(super) fn name(&self) -> String {
+        self.bearings.as_ref().map_or_else(String::new, Source::to_string)
+    }
+
+    /// The radio, if one is asked for.
+    pub(super) fn open(&self) -> Result<Option<Radio>, InputError> {
+        let Some(source) = &self.bearings else { return Ok(None) };
+        check_within("--mount-deg", self.mount_deg, &AZIMUTH_DEG)?;
+        check_within("--sigma-deg", self.sigma_deg, &SIGMA_DEG)?;
+        check_within("--bearing-age", self.bearing_age, &AGE_S)?;
+        let array = self.array.as_deref().map(RadioArray::read).transpose()?;
+        let options = Options {
+            array,
+            emitter: self.emitter,
+            mount_rad: self.mount_deg.to_radians() as f32,
+            sigma_rad: self.sigma_deg.to_radians() as f32,
+            age_max: Duration::from_secs_f64(self.bearing_age),
+        };
+        let live = Live::open(source, options)?;
+        Ok(Some(Radio { live, shown: State::Waiting, heard: 0 }))
+    }
+}
+
+/// A radio, and what was said of it.
+pub(super) struct Radio {
+    live: Live,
+    shown: State,
+    heard: u64,
+}
+
+impl Radio {
+    /// What came of it.
+    pub(super) fn summary(&self) -> String {
+        format!("radio: {} bearings, {} at the end", self.heard, self.live.state())
+    }
+}
+
+impl Bearings for Radio {
+    fn poll(&mut self, now: Instant) -> Option<Bearing> {
+        let bearing = self.live.poll(now);
+        self.heard += u64::from(bearing.is_some());
+        if self.live.state().name() != self.shown.name() {
+            self.shown = self.live.state().clone();
+            warn(&format!("radio: {}", self.shown));
+        }
+        bearing
+    }
+}

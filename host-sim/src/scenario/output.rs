@@ -1,0 +1,225 @@
+//! Writing results: beside the place where they belong, then renamed. Under its name a file is whole, or the one of before,
+//! however the program ends.
+//!
+//! A device or a pipe is written to as it is: nothing can be renamed there.
+
+use std::ffi::OsString;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use super::input::InputError;
+
+/// A file that is being written.
+#[derive(Debug)]
+pub struct Output {
+    /// As the user named it.
+    path: PathBuf,
+    file: BufWriter<File>,
+    /// Where it lies until it is whole, and where it belongs; none for a device.
+    moves: Option<[PathBuf; 2]>,
+}
+
+impl Output {
+    /// Begins a file, and makes its folder.
+    ///
+    /// # Errors
+    /// Names the file.
+    pub fn create(path: &Path) -> Result<Self, InputError> {
+        Self::begin(path).map_err(|error| failed(path, &error))
+    }
+
+    fn begin(path: &Path) -> io::Result<Self> {
+        if let Some(folder) = folder_of(path) {
+            fs::create_dir_all(folder)?;
+        }
+        let there = match fs::metadata(path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+            metadata => Some(metadata?),
+        };
+        if there.as_ref().is_some_and(fs::Metadata::is_dir) {
+            return Err(io::ErrorKind::IsADirectory.into());
+        }
+        if there.as_ref().is_some_and(|there| !there.is_file()) {
+            let file = File::options().write(true).open(path)?;
+            return Ok(Self { path: path.to_owned(), file: BufWriter::new(file), moves: None });
+        }
+        // Behind a link it is the file itself that is replaced, and one that must not be written is not.
+        let target = if there.is_some() { fs::canonicalize(path)? } else { path.to_owned() };
+        if there.is_some() {
+            File::options().append(true).open(&target)?;
+        }
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let count = COUNT.fetch_add(1, Ordering::Relaxed);
+        let mut name = target.file_name().map_or_else(OsString::new, OsString::from);
+        name.push(format!(".{}-{count}.part", std::process::id()));
+        let beside = target.with_file_name(name);
+        let file = File::options().write(true).create_new(true).open(&beside)?;
+        if let Some(there) = there {
+            // Only who may read it depends on it.
+            let _ = file.set_permissions(there.permissions());
+        }
+        Ok(Self { path: path.to_owned(), file: BufWriter::new(file), moves: Some([beside, target]) })
+    }
+
+    /// Writes on.
+    ///
+    /// # Errors
+    /// Names the file.
+    pub fn put(&mut self, bytes: &[u8]) -> Result<(), InputError> {
+        self.file.write_all(bytes).map_err(|error| failed(&self.path, &error))
+    }
+
+    /// Puts the file under its name.
+    ///
+    /// # Errors
+    /// It could not be written to its end; what was there before stays.
+    pub fn finish(mut self) -> Result<(), InputError> {
+        let named = |error: &io::Error| failed(&self.path, error);
+        self.file.flush().map_err(|error| named(&error))?;
+        if let Some([beside, target]) = &self.moves {
+            fs::rename(beside, target).map_err(|error| named(&error))?;
+            self.moves = None;
+        }
+        Ok(())
+    }
+}
+
+impl Write for Output {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Seek for Output {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.file.seek(to)
+    }
+}
+
+impl Drop for Output {
+    fn drop(&mut self) {
+        if let Some([beside, _]) = &self.moves {
+            // What is not whole is no result.
+            let _ = fs::remove_file(beside);
+        }
+    }
+}
+
+/// Writes a whole file.
+///
+/// # Errors
+/// Names the file; what was there before stays.
+pub fn write(path: &Path, bytes: &[u8]) -> Result<(), InputError> {
+    let mut output = Output::create(path)?;
+    output.put(bytes)?;
+    output.finish()
+}
+
+/// Finds out before the work whether its result can be written.
+///
+/// # Errors
+/// Names the file.
+pub fn check_writable(path: &Path) -> Result<(), InputError> {
+    Output::create(path).map(drop)
+}
+
+/// What went wrong with a file, which a full disk is said to be in these words.
+#[must_use]
+pub fn failed(path: &Path, error: &(dyn std::error::Error + 'static)) -> InputError {
+    InputError::new(reason(error)).in_file(path)
+}
+
+/// The reason at the bottom of an error, as far as the system gave one.
+#[must_use]
+pub fn reason(error: &(dyn std::error::Error + 'static)) -> String {
+    let mut cause = Some(error);
+    while let Some(inner) = cause {
+        if let Some(error) = inner.downcast_ref::<io::Error>().filter(|error| error.raw_os_error().is_some()) {
+            return match error.kind() {
+                io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded | io::ErrorKind::FileTooLarge => {
+                    format!("no space left ({error})")
+                }
+                _ => error.to_string(),
+            };
+        }
+        // An error of ours around that of the system hides it from `source`.
+        cause = match inner.downcast_ref::<io::Error>().and_then(io::Error::get_ref) {
+            Some(wrapped) => {
+                let wrapped: &(dyn std::error::Error + 'static) = wrapped;
+                Some(wrapped)
+            }
+            None => inner.source(),
+        };
+    }
+    error.to_string()
+}
+
+fn folder_of(path: &Path) -> Option<&Path> {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A folder of the test's own.
+    fn folder(name: &str) -> PathBuf {
+        let path = std::env::temp_dir().join(format!("foxhound-output-{}-{name}", std::process::id()));
+        fs::create_dir_all(&path).unwrap();
+        path
+    }
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<String> = fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_file_that_is_not_finished_leaves_the_old_one_and_nothing_beside_it() {
+        let folder = folder("unfinished");
+        let path = folder.join("a.txt");
+        write(&path, b"old").unwrap();
+        let mut output = Output::create(&path).unwrap();
+        output.write_all(b"new").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        drop(output);
+        assert_eq!((fs::read(&path).unwrap(), names(&folder)), (b"old".to_vec(), vec!["a.txt".to_owned()]));
+        write(&path, b"new").unwrap();
+        assert_eq!((fs::read(&path).unwrap(), names(&folder)), (b"new".to_vec(), vec!["a.txt".to_owned()]));
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn a_link_stays_one_and_its_file_is_replaced() {
+        let folder = folder("link");
+        let (path, link) = (folder.join("a.txt"), folder.join("link.txt"));
+        write(&path, b"old").unwrap();
+        std::os::unix::fs::symlink(&path, &link).unwrap();
+        write(&link, b"new").unwrap();
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(fs::read(&path).unwrap(), b"new");
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn a_full_device_is_told_by_its_name() {
+        let path = Path::new("/dev/full");
+        if !path.exists() {
+            eprintln!("skipped: there is no /dev/full");
+            return;
+        }
+        let text = write(path, b"something").unwrap_err().to_string();
+        assert!(text.starts_with("/dev/full: no space left"), "{text}");
+        assert!(write(&std::env::temp_dir(), b"").unwrap_err().to_string().contains("irectory"));
+    }
+}

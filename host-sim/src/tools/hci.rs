@@ -1,0 +1,161 @@
+//! Bluetooth IQ reports in files: btsnoop, as `btmon`, Android and Wireshark write it, or the bytes of a serial line (H4).
+//!
+//! btsnoop is a header of sixteen bytes (`btsnoop\0`, version 1, kind of packets) and records of a header of 24 bytes and a packet; numbers
+//! are big-endian. Kinds: 1001 (H1, no packet type: flags tell what a packet is), 1002 (H4) and 2001 (Linux' monitor).
+
+use foxhound_core::signal::phase::Complex;
+use foxhound_link::radio::hci::{self, IqReport, Refused};
+
+use super::radio_array::RadioArray;
+use crate::scenario::input::InputError;
+
+const MAGIC: &[u8] = b"btsnoop\0";
+/// Samples of the reference period are so far apart.
+const REFERENCE_HZ: f64 = 1e6;
+/// Longest record that is taken for one.
+const RECORD_MAX: usize = 1 << 20;
+/// What the monitor calls an event.
+const MONITOR_EVENT: u32 = 3;
+
+/// A packet of an array behind a switch. Without samples it holds nothing to be used.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Packet {
+    pub(super) emitter: i32,
+    /// Samples of the reference period, if there are any.
+    pub(super) reference: Vec<Complex>,
+    /// Of the slots.
+    pub(super) values: Vec<Complex>,
+}
+
+/// What a file holds.
+pub(super) struct Reports {
+    pub(super) packets: Vec<Packet>,
+    /// In words.
+    pub(super) taken: String,
+}
+
+/// A capture as a packet of the array, checked against its schedule; empty where it holds nothing to be used.
+///
+/// # Errors
+/// The key of the array file that it contradicts.
+pub(crate) fn packet(report: &IqReport, array: &RadioArray) -> Result<(i32, Vec<Complex>, Vec<Complex>), InputError> {
+    let Some(switch) = array.switch else {
+        return Err(InputError::new("switch: missing; IQ reports need [switch] with slot_s and pattern"));
+    };
+    if (array.sample_rate_hz - REFERENCE_HZ).abs() > 1e-6 * REFERENCE_HZ {
+        let rate_hz = array.sample_rate_hz;
+        return Err(InputError::new(format!(
+            "sample_rate_hz = {rate_hz}: the reference period of IQ reports has {REFERENCE_HZ}"
+        )));
+    }
+    let slot_s = 2e-6 * f64::from(report.slot_us);
+    if report.is_usable() && (f64::from(switch.slot_s) - slot_s).abs() > 1e-3 * slot_s {
+        let (us, own_s) = (report.slot_us, switch.slot_s);
+        return Err(InputError::new(format!(
+            "switch.slot_s = {own_s:e}: Slot_Durations = {us} us of a report make {slot_s:e}"
+        )));
+    }
+    let complex = |samples: &[[i8; 2]]| {
+        let part = |part: i8| f32::from(part) / 128.0;
+        samples.iter().map(|[i, q]| Complex { re: part(*i), im: part(*q) }).collect()
+    };
+    let emitter = i32::from(report.handle);
+    if report.is_usable() {
+        Ok((emitter, complex(report.reference()), complex(report.slots())))
+    } else {
+        Ok((emitter, Vec::new(), Vec::new()))
+    }
+}
+
+/// Reads a file.
+///
+/// # Errors
+/// A file that breaks off or holds no report, the field of a report that is wrong, or the key of the array file that it contradicts.
+pub(super) fn read(bytes: &[u8], array: &RadioArray) -> Result<Reports, InputError> {
+    let (reports, kind) = if bytes.starts_with(MAGIC) { (btsnoop(bytes)?, "btsnoop") } else { (h4(bytes)?, "H4") };
+    if reports.is_empty() {
+        return Err(InputError::new(format!(
+            "no IQ report (LE meta event 0x15 or 0x16) in {} bytes of {kind}",
+            bytes.len()
+        )));
+    }
+    let mut packets = Vec::with_capacity(reports.len());
+    for (at, report) in reports.iter().enumerate() {
+        let named = |error: InputError| InputError::new(format!("report {at}: {error}"));
+        let (emitter, reference, values) = packet(report, array).map_err(named)?;
+        packets.push(Packet { emitter, reference, values });
+    }
+    let usable = reports.iter().filter(|report| report.is_usable()).count();
+    if usable == 0 {
+        let text =
+            "none of the IQ reports is of an arrival extension that came whole (CTE_Type 0, Packet_Status 0, samples)";
+        return Err(InputError::new(format!("{text}: {} reports", reports.len())));
+    }
+    let taken = format!("{} IQ reports, {usable} of them with samples to use, {kind}", reports.len());
+    Ok(Reports { packets, taken })
+}
+
+fn refused(at: usize, refused: Refused) -> InputError {
+    InputError::new(format!("report {at}: {refused}: there is no such value"))
+}
+
+/// The reports in the bytes of a serial line.
+fn h4(bytes: &[u8]) -> Result<Vec<IqReport>, InputError> {
+    let mut reader = hci::Reader::new();
+    let mut reports = Vec::new();
+    for byte in bytes {
+        if let Some(found) = reader.push(*byte) {
+            reports.push(found.map_err(|why| refused(reports.len(), why))?);
+        }
+    }
+    let skipped = reader.counters().skipped;
+    if skipped > 0 {
+        return Err(InputError::new(format!("{skipped} bytes begin no H4 packet (types 1 to 5), of {}", bytes.len())));
+    }
+    if reader.is_inside() {
+        return Err(InputError::new(format!("truncated: the last of {} bytes is inside a packet", bytes.len())));
+    }
+    Ok(reports)
+}
+
+/// The reports in a btsnoop file.
+fn btsnoop(bytes: &[u8]) -> Result<Vec<IqReport>, InputError> {
+    let word = |bytes: &[u8], at: usize| {
+        let four = bytes.get(at..at + 4).and_then(|four| four.try_into().ok());
+        four.map(u32::from_be_bytes)
+    };
+    let (Some(version), Some(kind)) = (word(bytes, 8), word(bytes, 12)) else {
+        return Err(InputError::new(format!("truncated: {} bytes, the header of btsnoop has 16", bytes.len())));
+    };
+    if version != 1 {
+        return Err(InputError::new(format!("btsnoop version {version}: expected 1")));
+    }
+    if ![1001, 1002, 2001].contains(&kind) {
+        return Err(InputError::new(format!(
+            "btsnoop datalink {kind}: expected 1001 (H1), 1002 (H4) or 2001 (monitor)"
+        )));
+    }
+    let mut reports = Vec::new();
+    let (mut rest, mut record) = (&bytes[16..], 0);
+    while !rest.is_empty() {
+        let truncated = || InputError::new(format!("truncated: record {record} breaks off"));
+        let (original, included) =
+            (word(rest, 0).ok_or_else(truncated)?, word(rest, 4).ok_or_else(truncated)? as usize);
+        let flags = word(rest, 8).ok_or_else(truncated)?;
+        if included > RECORD_MAX || original as usize != included {
+            let text = format!("record {record}: {included} of {original} bytes were kept");
+            return Err(InputError::new(text));
+        }
+        let packet = rest.get(24..24 + included).ok_or_else(truncated)?;
+        rest = &rest[24 + included..];
+        record += 1;
+        let event = match kind {
+            1001 => (flags & 3 == 3).then_some(packet),
+            1002 => packet.strip_prefix(&[4]),
+            _ => (flags & 0xFFFF == MONITOR_EVENT).then_some(packet),
+        };
+        let found = event.map(hci::report).transpose().map_err(|why| refused(reports.len(), why))?;
+        reports.extend(found.flatten());
+    }
+    Ok(reports)
+}

@@ -1,0 +1,74 @@
+//! What a recording sounds like: bearings, spectrum and eigenvalues of the covariance. `foxhound listen` draws it.
+
+use std::path::Path;
+
+use rustfft::FftPlanner;
+
+use super::bearings::ArrayLine;
+use super::iq::{self, Frames};
+use super::radio_array::RadioArray;
+use super::switched::{self, Packets};
+use crate::scenario::input::InputError;
+
+/// Points of the spectrum that is shown, at most.
+const POINTS: usize = 512;
+
+/// A recording, heard.
+#[derive(Clone, Debug)]
+pub struct Listened {
+    /// The bearings.
+    pub lines: Vec<ArrayLine>,
+    /// The covariance's eigenvalues of each, largest first.
+    pub eigenvalues: Vec<Vec<f64>>,
+    /// Frequency and mean power of all channels, relative to the strongest; none of an array behind a switch, whose slots are too short.
+    pub spectrum: Vec<[f64; 2]>,
+    /// The occupied band, if it is given.
+    pub band_hz: Option<[f64; 2]>,
+    /// What was read.
+    pub taken: String,
+}
+
+/// Hears a recording: as `bearing --switched` does where the array file has `[switch]`, else as `bearing --iq`.
+///
+/// # Errors
+/// Names the file or the key, and what is wrong with it.
+pub fn listen(path: &Path, array: &RadioArray, looks: usize) -> Result<Listened, InputError> {
+    if array.switch.is_some() {
+        let packets = Packets::read(path, None, array)?;
+        let (lines, eigenvalues) = switched::find_with_eigenvalues(&packets, array, looks)?;
+        let taken = packets.taken().to_owned();
+        return Ok(Listened { lines, eigenvalues, spectrum: Vec::new(), band_hz: None, taken });
+    }
+    let frames = Frames::read(path, array)?;
+    let (lines, eigenvalues) = iq::find_with_eigenvalues(&frames, array, looks)?;
+    let (spectrum, band_hz) = (spectrum(&frames, array.sample_rate_hz), array.band_hz);
+    Ok(Listened { lines, eigenvalues, spectrum, band_hz, taken: frames.taken() })
+}
+
+/// Mean power over channels and frames, in [`POINTS`] points at most.
+fn spectrum(frames: &Frames, rate_hz: f64) -> Vec<[f64; 2]> {
+    let samples = frames.samples();
+    let fft = FftPlanner::<f32>::new().plan_fft_forward(samples);
+    let mut power = vec![0.0_f64; samples];
+    for channel in frames.channels() {
+        let mut bins = channel.to_vec();
+        for (k, value) in bins.iter_mut().enumerate() {
+            let part = std::f32::consts::TAU * (k as f32 + 0.5) / samples as f32;
+            *value *= 0.5 - 0.5 * part.cos();
+        }
+        fft.process(&mut bins);
+        for (sum, value) in power.iter_mut().zip(&bins) {
+            *sum += f64::from(value.norm_sqr());
+        }
+    }
+    power.rotate_left(samples.div_ceil(2));
+    let width = samples.div_ceil(POINTS);
+    let most = power.iter().copied().filter(|value| value.is_finite()).fold(f64::MIN_POSITIVE, f64::max);
+    let bin_hz = rate_hz / samples as f64;
+    let point = |(at, part): (usize, &[f64])| {
+        let strongest = part.iter().copied().filter(|value| value.is_finite()).fold(most * 1e-12, f64::max);
+        let middle = (at * width) as f64 + 0.5 * (part.len() - 1) as f64;
+        [(middle - (samples / 2) as f64) * bin_hz, 10.0 * (strongest / most).log10()]
+    };
+    power.chunks(width).enumerate().map(point).collect()
+}

@@ -1,0 +1,359 @@
+//! Bearings of a radio that runs: what `foxhound companion --bearings` hears.
+//!
+//! | source | what is there | needs |
+//! |---|---|---|
+//! | `kraken:HOST[:PORT]` | the direction-finding software of a `KrakenSDR`: its CSV over HTTP, port 8081 | |
+//! | `heimdall:HOST[:PORT]` | its coherent samples: heimdall's stream over TCP, port 5000 | the array |
+//! | `hci:DEVICE:BAUD` | a Bluetooth controller that sends IQ reports, H4 | the array |
+//! | `uudf:DEVICE:BAUD` | a u-blox module that prints `+UUDF` lines | |
+//! | `udp:HOST:PORT` | anything that sends JSON lines by UDP to this port of ours | |
+//!
+//! Nothing here waits: [`Live::poll`] gives the newest bearing, if one came that is not too old. What stops, or sends what cannot be
+//! read, has a [`State`] with a name; the flight then holds (`no_signal`) when its last bearing is older than `FH_BRG_AGE`.
+
+use std::fmt;
+use std::net::UdpSocket;
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::sync::mpsc::Receiver;
+use std::time::{Duration, Instant};
+
+use foxhound_core::base::time;
+use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
+use serde::Deserialize;
+
+use super::radio_array::RadioArray;
+use crate::autopilot::transport::{Address, Line};
+use crate::scenario::input::InputError;
+
+mod heimdall;
+mod kraken;
+mod serial;
+
+/// After so long without anything a source is silent.
+const SILENT: Duration = Duration::from_secs(2);
+/// Longest datagram.
+const DATAGRAM_MAX: usize = 4096;
+
+/// Where bearings come from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// A `KrakenSDR`'s directions.
+    Kraken(String, u16),
+    /// Its samples.
+    Heimdall(String, u16),
+    /// A Bluetooth controller.
+    Hci(PathBuf, u32),
+    /// A u-blox module.
+    Uudf(PathBuf, u32),
+    /// Whoever sends to this port.
+    Udp(String, u16),
+}
+
+impl FromStr for Source {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let forms =
+            "expected kraken:HOST[:PORT], heimdall:HOST[:PORT], hci:DEVICE:BAUD, uudf:DEVICE:BAUD or udp:HOST:PORT";
+        let (kind, rest) = text.split_once(':').ok_or(forms)?;
+        let host = |default: Option<u16>| {
+            let (host, port) = match (rest.rsplit_once(':'), default) {
+                (Some((host, port)), _) => {
+                    (host, port.parse().map_err(|_| format!("port `{port}` is outside 1..=65535"))?)
+                }
+                (None, Some(port)) => (rest, port),
+                (None, None) => return Err(forms.to_owned()),
+            };
+            if host.is_empty() || port == 0 {
+                return Err(forms.to_owned());
+            }
+            Ok((host.to_owned(), port))
+        };
+        let serial = || match format!("serial:{rest}").parse()? {
+            Address::Serial { device, baud } => Ok((device, baud)),
+            _ => Err(forms.to_owned()),
+        };
+        match kind {
+            "kraken" => host(Some(8081)).map(|(host, port)| Self::Kraken(host, port)),
+            "heimdall" => host(Some(5000)).map(|(host, port)| Self::Heimdall(host, port)),
+            "udp" => host(None).map(|(host, port)| Self::Udp(host, port)),
+            "hci" => serial().map(|(device, baud)| Self::Hci(device, baud)),
+            "uudf" => serial().map(|(device, baud)| Self::Uudf(device, baud)),
+            _ => Err(forms.to_owned()),
+        }
+    }
+}
+
+impl fmt::Display for Source {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Kraken(host, port) => write!(f, "kraken:{host}:{port}"),
+            Self::Heimdall(host, port) => write!(f, "heimdall:{host}:{port}"),
+            Self::Udp(host, port) => write!(f, "udp:{host}:{port}"),
+            Self::Hci(device, baud) => write!(f, "hci:{}:{baud}", device.display()),
+            Self::Uudf(device, baud) => write!(f, "uudf:{}:{baud}", device.display()),
+        }
+    }
+}
+
+/// What is made of what comes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// The array, for those that send samples.
+    pub array: Option<RadioArray>,
+    /// Which transmitter, of those that tell several apart: handle, address or frequency in Hz.
+    pub emitter: Option<u64>,
+    /// Where the antennas' zero points, from the nose and clockwise.
+    pub mount_rad: f32,
+    /// Sigma of a bearing of which nothing says how good it is.
+    pub sigma_rad: f32,
+    /// A bearing older than this when it is taken is not used.
+    pub age_max: Duration,
+}
+
+/// How things stand.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum State {
+    /// Nothing came yet.
+    Waiting,
+    /// Bearings come.
+    Hearing,
+    /// What comes holds no bearing: silence at the radio, another transmitter, a radio that calibrates itself.
+    NoBearing(String),
+    /// Bearings came too late to be used.
+    Stale,
+    /// Nothing came for two seconds.
+    Silent,
+    /// What came cannot be read.
+    Refused(String),
+    /// The line broke, or there is nobody.
+    Lost(String),
+}
+
+impl State {
+    /// Its name in reports.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::Waiting => "waiting",
+            Self::Hearing => "hearing",
+            Self::NoBearing(_) => "no_bearing",
+            Self::Stale => "stale",
+            Self::Silent => "silent",
+            Self::Refused(_) => "refused",
+            Self::Lost(_) => "lost",
+        }
+    }
+}
+
+impl fmt::Display for State {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoBearing(why) | Self::Refused(why) | Self::Lost(why) => write!(f, "{}: {why}", self.name()),
+            _ => f.write_str(self.name()),
+        }
+    }
+}
+
+/// What a source says.
+#[derive(Clone, Debug, PartialEq)]
+enum Event {
+    /// A bearing, measured then.
+    Heard(Heard),
+    /// It works, and hears nothing to be used.
+    Nothing(String),
+    Refused(String),
+    Lost(String),
+}
+
+/// A bearing in the frame of the antennas.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Heard {
+    at: Instant,
+    azimuth_rad: f32,
+    /// None where nothing says it.
+    sigma_rad: Option<f32>,
+    flags: Flags,
+    quality: Quality,
+}
+
+impl Heard {
+    /// Of those that tell an angle and nothing else.
+    fn plain(at: Instant, azimuth_rad: f32, sigma_rad: Option<f32>) -> Self {
+        let quality = Quality { wavenumber: 1.0, ..Quality::default() };
+        Self { at, azimuth_rad, sigma_rad, flags: Flags::default(), quality }
+    }
+
+    fn of(bearing: &Bearing, at: Instant) -> Event {
+        if !bearing.valid {
+            return Event::Nothing("the radio hears nothing with a direction".to_owned());
+        }
+        let Bearing { azimuth_rad, sigma_rad, flags, quality, .. } = *bearing;
+        Event::Heard(Self { at, azimuth_rad, sigma_rad: Some(sigma_rad), flags, quality })
+    }
+}
+
+enum Kind {
+    Thread(Receiver<Event>),
+    Serial(Box<serial::Serial>),
+    Udp(UdpSocket),
+}
+
+/// A source, opened.
+pub struct Live {
+    kind: Kind,
+    options: Options,
+    state: State,
+    last: Instant,
+}
+
+impl Live {
+    /// Opens a source. One that is not there yet is no error where it is called again.
+    ///
+    /// # Errors
+    /// An array that is missing or that the core refuses, a device or a port that cannot be opened.
+    pub fn open(source: &Source, options: Options) -> Result<Self, InputError> {
+        let needs = |kind: &str| {
+            let array = options.array.clone();
+            array.ok_or_else(|| {
+                InputError::new(format!("--bearings {kind}: needs --array: it gives samples, not angles"))
+            })
+        };
+        let failed = |what: String, error: std::io::Error| InputError::new(format!("--bearings {what}: {error}"));
+        let line = |device: &PathBuf, baud: u32| {
+            let address = Address::Serial { device: device.clone(), baud };
+            Line::open(&address).map_err(|error| failed(address.to_string(), error))
+        };
+        let kind = match source {
+            Source::Kraken(host, port) => Kind::Thread(kraken::start(host, *port, options.emitter)),
+            Source::Heimdall(host, port) => Kind::Thread(heimdall::start(host, *port, needs("heimdall")?)?),
+            Source::Hci(device, baud) => {
+                let reports = serial::Reports::new(needs("hci")?)?;
+                Kind::Serial(Box::new(serial::Serial::reports(line(device, *baud)?, reports)))
+            }
+            Source::Uudf(device, baud) => Kind::Serial(Box::new(serial::Serial::angles(line(device, *baud)?))),
+            Source::Udp(host, port) => {
+                let named = |error| failed(format!("udp:{host}:{port}"), error);
+                let socket = UdpSocket::bind((host.as_str(), *port)).map_err(named)?;
+                socket.set_nonblocking(true).map_err(named)?;
+                Kind::Udp(socket)
+            }
+        };
+        Ok(Self { kind, options, state: State::Waiting, last: Instant::now() })
+    }
+
+    /// The port that is listened to by UDP.
+    #[must_use]
+    pub fn port(&self) -> Option<u16> {
+        match &self.kind {
+            Kind::Udp(socket) => socket.local_addr().ok().map(|address| address.port()),
+            _ => None,
+        }
+    }
+
+    /// How things stand.
+    #[must_use]
+    pub const fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// The newest bearing since the last call, in the body frame, as of the caller's clock; none when none came that may be used.
+    pub fn poll(&mut self, now: time::Instant) -> Option<Bearing> {
+        let events = match &mut self.kind {
+            Kind::Thread(receiver) => receiver.try_iter().collect(),
+            Kind::Serial(serial) => serial.events(self.options.emitter),
+            Kind::Udp(socket) => datagrams(socket),
+        };
+        let here = Instant::now();
+        if events.is_empty() {
+            let may_be_silent =
+                matches!(self.state, State::Hearing | State::Stale | State::NoBearing(_) | State::Refused(_));
+            if may_be_silent && here.duration_since(self.last) > SILENT {
+                self.state = State::Silent;
+            }
+            return None;
+        }
+        let mut newest = None;
+        for event in events {
+            self.last = here;
+            match event {
+                Event::Heard(heard) if here.saturating_duration_since(heard.at) > self.options.age_max => {
+                    self.state = State::Stale;
+                }
+                Event::Heard(heard) => {
+                    self.state = State::Hearing;
+                    newest = Some(heard);
+                }
+                Event::Nothing(why) => self.state = State::NoBearing(why),
+                Event::Refused(why) => self.state = State::Refused(why),
+                Event::Lost(why) => self.state = State::Lost(why),
+            }
+        }
+        let heard = newest?;
+        let age_us = here.saturating_duration_since(heard.at).as_micros() as u64;
+        Some(Bearing {
+            time: time::Instant(now.0.saturating_sub(age_us)),
+            valid: true,
+            azimuth_rad: foxhound_core::base::units::wrap_pi(heard.azimuth_rad + self.options.mount_rad),
+            sigma_rad: heard.sigma_rad.unwrap_or(self.options.sigma_rad),
+            elevation_rad: 0.0,
+            elevation_sigma_rad: std::f32::consts::FRAC_PI_2,
+            quality: heard.quality,
+            flags: heard.flags,
+        })
+    }
+}
+
+/// A line of JSON. Other keys are passed over: the lines of `foxhound bearing --json` are such lines.
+#[derive(Deserialize)]
+struct Json {
+    azimuth_deg: Option<f64>,
+    sigma_deg: Option<f64>,
+    valid: Option<bool>,
+    age_s: Option<f64>,
+}
+
+/// The events in a datagram, a line each.
+fn parse(text: &[u8], now: Instant) -> Vec<Event> {
+    let Ok(text) = std::str::from_utf8(text) else { return vec![Event::Refused("no UTF-8".to_owned())] };
+    text.lines().filter(|line| !line.trim().is_empty()).map(|line| json(line, now)).collect()
+}
+
+fn json(line: &str, now: Instant) -> Event {
+    let refuse = |key: &str, value: f64, range: &str| Event::Refused(format!("{key} = {value} is outside {range}"));
+    let line: Json = match serde_json::from_str(line) {
+        Ok(line) => line,
+        Err(error) => return Event::Refused(error.to_string()),
+    };
+    let Some(azimuth_deg) = line.azimuth_deg.filter(|_| line.valid != Some(false)) else {
+        return Event::Nothing("valid is false, or azimuth_deg null".to_owned());
+    };
+    if !(-360.0..=360.0).contains(&azimuth_deg) {
+        return refuse("azimuth_deg", azimuth_deg, "-360..=360");
+    }
+    if let Some(sigma_deg) = line.sigma_deg.filter(|sigma_deg| !(0.01..=180.0).contains(sigma_deg)) {
+        return refuse("sigma_deg", sigma_deg, "0.01..=180");
+    }
+    let age_s = line.age_s.unwrap_or(0.0);
+    if !(0.0..=60.0).contains(&age_s) {
+        return refuse("age_s", age_s, "0..=60");
+    }
+    let at = now.checked_sub(Duration::from_secs_f64(age_s)).unwrap_or(now);
+    let radians = |degrees: f64| degrees.to_radians() as f32;
+    Event::Heard(Heard::plain(at, radians(azimuth_deg), line.sigma_deg.map(radians)))
+}
+
+fn datagrams(socket: &UdpSocket) -> Vec<Event> {
+    let mut events = Vec::new();
+    let mut bytes = [0; DATAGRAM_MAX];
+    // Bounded: a flood must not hold up the flight.
+    for _ in 0..64 {
+        let Ok((count, _)) = socket.recv_from(&mut bytes) else { break };
+        events.extend(parse(&bytes[..count], Instant::now()));
+    }
+    events
+}
+
+#[cfg(test)]
+mod tests;

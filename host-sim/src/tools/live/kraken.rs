@@ -1,0 +1,113 @@
+//! A `KrakenSDR`'s directions: `DOA_value.html`, lines of comma-separated values, one for each frequency that it listens to.
+//!
+//! Fields: time (ms), bearing (degrees clockwise from the array's zero, as a compass has it), confidence, power, frequency (Hz), array, latency,
+//! station, latitude, longitude, heading twice, `GPS`, four reserved, then the spectrum over the circle. The software rewrites the file in
+//! place, so that a line may come torn: it is passed over. A line whose time is that of the one before is no new bearing.
+
+use std::io::{Read as _, Write as _};
+use std::net::{TcpStream, ToSocketAddrs as _};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::{Duration, Instant};
+
+use super::{Event, Heard};
+
+const PERIOD: Duration = Duration::from_millis(100);
+const TIMEOUT: Duration = Duration::from_secs(2);
+const AGAIN: Duration = Duration::from_secs(1);
+/// Longest answer: sixteen lines with a spectrum each.
+const ANSWER_MAX: u64 = 1 << 18;
+/// How far a frequency may be from the one that is wanted.
+const NEAR_HZ: f64 = 5e3;
+/// Fields before the spectrum.
+const FIELDS: usize = 17;
+
+pub(super) fn start(host: &str, port: u16, frequency_hz: Option<u64>) -> Receiver<Event> {
+    let (sender, receiver) = channel();
+    let host = host.to_owned();
+    std::thread::spawn(move || run(&host, port, frequency_hz, &sender));
+    receiver
+}
+
+/// Until nobody listens any more.
+fn run(host: &str, port: u16, frequency_hz: Option<u64>, sender: &Sender<Event>) {
+    let mut last_ms = 0;
+    loop {
+        let (event, pause) = match get(host, port) {
+            Ok(body) => (newest(&body, frequency_hz, &mut last_ms, Instant::now()), PERIOD),
+            Err(why) => (Some(Event::Lost(why)), AGAIN),
+        };
+        let is_gone = event.is_some_and(|event| sender.send(event).is_err());
+        if is_gone {
+            return;
+        }
+        std::thread::sleep(pause);
+    }
+}
+
+fn get(host: &str, port: u16) -> Result<String, String> {
+    let failed = |error: std::io::Error| format!("http://{host}:{port}: {error}");
+    let address = (host, port).to_socket_addrs().map_err(failed)?.next();
+    let address = address.ok_or_else(|| format!("{host}: no such host"))?;
+    let mut stream = TcpStream::connect_timeout(&address, TIMEOUT).map_err(failed)?;
+    stream.set_read_timeout(Some(TIMEOUT)).map_err(failed)?;
+    stream.set_write_timeout(Some(TIMEOUT)).map_err(failed)?;
+    // HTTP 1.0: the answer comes in one piece, and ends with the connection.
+    let request = format!("GET /DOA_value.html HTTP/1.0\r\nHost: {host}\r\n\r\n");
+    stream.write_all(request.as_bytes()).map_err(failed)?;
+    let mut bytes = Vec::new();
+    stream.take(ANSWER_MAX).read_to_end(&mut bytes).map_err(failed)?;
+    let text = String::from_utf8_lossy(&bytes);
+    let (head, body) = text.split_once("\r\n\r\n").ok_or_else(|| format!("http://{host}:{port}: no HTTP answer"))?;
+    match head.split_whitespace().nth(1) {
+        Some("200") => Ok(body.to_owned()),
+        status => Err(format!("http://{host}:{port}/DOA_value.html: status {}", status.unwrap_or("missing"))),
+    }
+}
+
+/// The newest bearing of the frequency wanted, or of the first line; none while it is that of before.
+pub(super) fn newest(body: &str, frequency_hz: Option<u64>, last_ms: &mut u64, now: Instant) -> Option<Event> {
+    let lines: Vec<&str> = body.lines().filter(|line| !line.trim().is_empty()).collect();
+    let mut torn = None;
+    for line in &lines {
+        match read(line) {
+            Ok(read) if frequency_hz.is_some_and(|wanted| (read.frequency_hz - wanted as f64).abs() > NEAR_HZ) => {}
+            Ok(read) if read.time_ms == *last_ms => return None,
+            Ok(read) => {
+                *last_ms = read.time_ms;
+                let azimuth_rad = read.bearing_deg.to_radians() as f32;
+                return Some(Event::Heard(Heard::plain(now, azimuth_rad, None)));
+            }
+            Err(why) => torn = Some(Event::Refused(why)),
+        }
+    }
+    Some(torn.unwrap_or_else(|| Event::Nothing("no line of this frequency".to_owned())))
+}
+
+struct Line {
+    time_ms: u64,
+    bearing_deg: f64,
+    frequency_hz: f64,
+}
+
+fn read(line: &str) -> Result<Line, String> {
+    let fields: Vec<&str> = line.split(',').map(str::trim).collect();
+    if fields.len() < FIELDS {
+        return Err(format!("{} fields of at least {FIELDS}", fields.len()));
+    }
+    if fields[12] != "GPS" {
+        return Err(format!("field 13 is `{}`, not GPS", fields[12].chars().take(20).collect::<String>()));
+    }
+    let number = |at: usize, name: &str, least: f64, most: f64| {
+        let value: f64 = fields[at].parse().map_err(|_| format!("{name} is no number"))?;
+        if (least..=most).contains(&value) {
+            Ok(value)
+        } else {
+            Err(format!("{name} = {value} is outside {least}..={most}"))
+        }
+    };
+    Ok(Line {
+        time_ms: fields[0].parse().map_err(|_| "time is no number".to_owned())?,
+        bearing_deg: number(1, "bearing", 0.0, 360.0)?,
+        frequency_hz: number(4, "frequency", 0.0, 1e11)?,
+    })
+}

@@ -1,0 +1,111 @@
+//! IQ reports and `+UUDF` lines over a serial line.
+
+use std::collections::HashMap;
+use std::time::Instant;
+
+use foxhound_core::base::time;
+use foxhound_core::doa::switched::{Emitter, Group};
+use foxhound_link::radio::{hci, uudf};
+
+use super::{Event, Heard};
+use crate::autopilot::transport::Line;
+use crate::scenario::input::InputError;
+use crate::tools::hci::packet;
+use crate::tools::radio_array::RadioArray;
+use crate::tools::switched::Estimators;
+
+/// Transmitters that are told apart at most; handles are 12 bits, and noise may make many of them.
+const EMITTERS_MAX: usize = 64;
+
+enum Reader {
+    Reports(Box<(hci::Reader, Reports)>),
+    Angles(uudf::Reader),
+}
+
+/// A line, and what reads it.
+pub(super) struct Serial {
+    line: Line,
+    reader: Reader,
+    was_open: bool,
+}
+
+impl Serial {
+    pub(super) fn reports(line: Line, reports: Reports) -> Self {
+        Self { line, reader: Reader::Reports(Box::new((hci::Reader::new(), reports))), was_open: true }
+    }
+
+    pub(super) fn angles(line: Line) -> Self {
+        Self { line, reader: Reader::Angles(uudf::Reader::default()), was_open: true }
+    }
+
+    /// What came since the last call.
+    pub(super) fn events(&mut self, wanted: Option<u64>) -> Vec<Event> {
+        let bytes = self.line.read();
+        let is_open = self.line.is_open();
+        let mut events = self.reader.read(&bytes, wanted);
+        if self.was_open && !is_open {
+            events.push(Event::Lost("the serial line is closed".to_owned()));
+        }
+        self.was_open = is_open;
+        events
+    }
+}
+
+impl Reader {
+    fn read(&mut self, bytes: &[u8], wanted: Option<u64>) -> Vec<Event> {
+        let now = Instant::now();
+        let other = || Event::Nothing("another transmitter".to_owned());
+        let mut events = Vec::new();
+        for byte in bytes {
+            events.extend(match self {
+                Self::Reports(both) => both.0.push(*byte).map(|found| match found {
+                    Ok(report) if wanted.is_some_and(|wanted| wanted != u64::from(report.handle)) => other(),
+                    Ok(report) => both.1.hear(&report, now),
+                    Err(refused) => Event::Refused(refused.to_string()),
+                }),
+                Self::Angles(reader) => reader.push(*byte).map(|found| match found {
+                    Ok(angle) if wanted.is_some_and(|wanted| wanted != angle.tag) => other(),
+                    Ok(angle) => Event::Heard(Heard::plain(now, f32::from(angle.azimuth_deg).to_radians(), None)),
+                    Err(refused) => Event::Refused(refused.to_string()),
+                }),
+            });
+        }
+        events
+    }
+}
+
+/// What is known of the transmitters of IQ reports.
+pub(super) struct Reports {
+    array: RadioArray,
+    emitters: HashMap<i32, Emitter>,
+}
+
+impl Reports {
+    pub(super) fn new(array: RadioArray) -> Result<Self, InputError> {
+        // An extension of 160 us: what cannot be read at all is refused before the flight.
+        Estimators::new(&array, 1).of(hci::SAMPLES_MAX - hci::REFERENCE)?;
+        Ok(Self { array, emitters: HashMap::new() })
+    }
+
+    fn hear(&mut self, report: &hci::IqReport, now: Instant) -> Event {
+        let refused = |error: InputError| Event::Refused(error.to_string());
+        let (number, reference, values) = match packet(report, &self.array) {
+            Ok(parts) => parts,
+            Err(error) => return refused(error),
+        };
+        if values.is_empty() {
+            return Event::Nothing("reports without samples to use".to_owned());
+        }
+        if self.emitters.len() >= EMITTERS_MAX && !self.emitters.contains_key(&number) {
+            return Event::Nothing("more transmitters than are told apart".to_owned());
+        }
+        let mut estimators = Estimators::new(&self.array, 1);
+        let estimator = match estimators.of(values.len()) {
+            Ok(estimator) => estimator,
+            Err(error) => return refused(error),
+        };
+        let mut group = Group::default();
+        estimator.take_with(self.emitters.entry(number).or_default(), &mut group, &reference, &values);
+        Heard::of(&estimator.bearing(&group, time::Instant(0)).bearing, now)
+    }
+}

@@ -1,0 +1,309 @@
+//! Each source with a server that is made here, whole, damaged and gone.
+
+use std::f64::consts::TAU;
+use std::io::{Read as _, Write as _};
+use std::net::{TcpListener, UdpSocket};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use super::heimdall::Header;
+use super::kraken::newest;
+use super::*;
+use crate::autopilot::transport::Listen;
+
+const NOW: time::Instant = time::Instant(10_000_000);
+
+fn options() -> Options {
+    Options { array: None, emitter: None, mount_rad: 0.0, sigma_rad: 0.14, age_max: Duration::from_millis(500) }
+}
+
+/// Polls until something is true, three seconds at most.
+fn until(live: &mut Live, mut is_so: impl FnMut(&State, Option<Bearing>) -> bool) {
+    let begin = Instant::now();
+    while begin.elapsed() < Duration::from_secs(6) {
+        let bearing = live.poll(NOW);
+        if is_so(live.state(), bearing) {
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    panic!("not within six seconds: {:?}", live.state());
+}
+
+fn degrees(bearing: &Bearing) -> f32 {
+    bearing.azimuth_rad.to_degrees()
+}
+
+#[test]
+fn sources_are_read_and_wrong_ones_refused() {
+    let read = |text: &str| text.parse::<Source>();
+    assert_eq!(read("kraken:10.0.0.2"), Ok(Source::Kraken("10.0.0.2".to_owned(), 8081)));
+    assert_eq!(read("heimdall:pi:5001"), Ok(Source::Heimdall("pi".to_owned(), 5001)));
+    assert_eq!(read("hci:/dev/ttyACM0:1000000"), Ok(Source::Hci("/dev/ttyACM0".into(), 1_000_000)));
+    assert_eq!(read("udp:0.0.0.0:7000"), Ok(Source::Udp("0.0.0.0".to_owned(), 7000)));
+    for wrong in [
+        "kraken",
+        "kraken:",
+        "kraken:a:0",
+        "kraken:a:70000",
+        "udp:0.0.0.0",
+        "hci:/dev/x",
+        "uudf:/dev/x:1",
+        "tcp:a:1",
+        "",
+    ] {
+        assert!(read(wrong).is_err(), "{wrong}");
+    }
+    let heimdall = Live::open(&Source::Heimdall("localhost".to_owned(), 1), options());
+    assert!(heimdall.err().is_some_and(|error| error.to_string().contains("needs --array")));
+}
+
+#[test]
+fn json_lines_come_by_udp_with_their_age_and_silence_is_named() {
+    let mut live =
+        Live::open(&Source::Udp("127.0.0.1".to_owned(), 0), Options { mount_rad: 0.5, ..options() }).unwrap();
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let port = live.port().unwrap();
+    let send = |text: &str| socket.send_to(text.as_bytes(), ("127.0.0.1", port)).unwrap();
+    assert!(live.poll(NOW).is_none() && *live.state() == State::Waiting);
+    send("{\"azimuth_deg\": 10, \"sigma_deg\": 5, \"age_s\": 0.1, \"more\": 1}\n");
+    until(&mut live, |_, bearing| {
+        bearing.is_some_and(|bearing| {
+            assert!((degrees(&bearing) - 38.648).abs() < 0.01 && (bearing.sigma_rad.to_degrees() - 5.0).abs() < 1e-3);
+            assert!((90_000..200_000).contains(&NOW.micros_since(bearing.time)), "{:?}", bearing.time);
+            bearing.valid
+        })
+    });
+    send("{\"azimuth_deg\": -170}");
+    until(&mut live, |_, bearing| bearing.is_some_and(|bearing| (bearing.sigma_rad - 0.14).abs() < 1e-6));
+    for (line, name) in [
+        ("{\"azimuth_deg\": 10, \"age_s\": 0.9}", "stale"),
+        ("{\"azimuth_deg\": 10, \"valid\": false}", "no_bearing"),
+        ("{\"azimuth_deg\": null}", "no_bearing"),
+        ("{\"azimuth_deg\": 361}", "refused"),
+        ("{\"azimuth_deg\": 10, \"sigma_deg\": 0}", "refused"),
+        ("{\"azimuth_deg\": 10, \"age_s\": -1}", "refused"),
+        ("{\"azimuth_deg\": 1e999}", "refused"),
+        ("{\"azimuth_deg\": \"10\"}", "refused"),
+        ("[]", "refused"),
+        ("\u{1}", "refused"),
+    ] {
+        send(line);
+        until(&mut live, |state, bearing| {
+            assert!(bearing.is_none(), "{line}");
+            state.name() == name
+        });
+        send("{\"azimuth_deg\": 1}");
+        until(&mut live, |state, _| *state == State::Hearing);
+    }
+    until(&mut live, |state, _| *state == State::Silent);
+}
+
+/// A line of a `KrakenSDR` as its software writes it.
+fn line(time_ms: u64, bearing: f64, frequency_hz: u64) -> String {
+    let spectrum: String = (0..360).map(|k| format!(", {:.2}", f64::from(k) * 0.1)).collect();
+    format!(
+        "{time_ms}, {bearing}, 9.1, -31.2, {frequency_hz}, UCA, 350, NOCALL, 0.0, 0.0, 12.0, 12.0, GPS, R, R, R, R{spectrum} \n"
+    )
+}
+
+#[test]
+fn kraken_lines_are_read_by_frequency_and_torn_ones_are_not_believed() {
+    let body = line(1_700_000_000_000, 350.0, 433_920_000) + &line(1_700_000_000_000, 45.0, 868_000_000);
+    let read = |body: &str, frequency: Option<u64>| newest(body, frequency, &mut 0, Instant::now());
+    let azimuth = |event: Option<Event>| match event {
+        Some(Event::Heard(heard)) => heard.azimuth_rad.to_degrees(),
+        other => panic!("{other:?}"),
+    };
+    assert!((azimuth(read(&body, None)) - 350.0).abs() < 1e-3);
+    assert!((azimuth(read(&body, Some(868_001_000))) - 45.0).abs() < 1e-3);
+    assert!(matches!(read(&body, Some(915_000_000)), Some(Event::Nothing(_))));
+    assert!(newest(&body, None, &mut 1_700_000_000_000, Instant::now()).is_none(), "the same as before");
+    assert!(matches!(read("", None), Some(Event::Nothing(_))));
+    for cut in 0..400 {
+        // A line that breaks off, wherever it does, is not taken for a whole one; behind its fixed fields only the spectrum is missing.
+        if let Some(Event::Heard(heard)) = read(&body[..cut], None) {
+            assert!((heard.azimuth_rad.to_degrees() - 350.0).abs() < 1e-3, "{cut}");
+        }
+    }
+    for wrong in [
+        body.replace("350,", "nan,"),
+        body.replace("350, 9.1", "361, 9.1"),
+        body.replace("GPS", "R"),
+        "<html>".to_owned(),
+    ] {
+        let wrong = wrong.lines().next().unwrap();
+        assert!(matches!(read(wrong, None), Some(Event::Refused(_))), "{wrong}");
+    }
+}
+
+#[test]
+fn a_kraken_is_heard_over_http_and_its_end_has_a_name() {
+    let server = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = server.local_addr().unwrap().port();
+    let served = Arc::new(AtomicUsize::new(0));
+    let count = Arc::clone(&served);
+    let thread = std::thread::spawn(move || {
+        // Five new bearings, the fifth once more and again, an error, and it is gone.
+        for number in 0..12_u64 {
+            let (mut stream, _) = server.accept().unwrap();
+            let mut request = [0; 256];
+            let length = stream.read(&mut request).unwrap();
+            assert!(request[..length].starts_with(b"GET /DOA_value.html HTTP/1.0\r\n"));
+            let body = line(1_700_000_000_000 + number.min(4), 20.0 + number as f64, 433_920_000);
+            let status = if number < 11 { "200 OK" } else { "404 Not Found" };
+            write!(stream, "HTTP/1.0 {status}\r\nContent-Type: text/html\r\n\r\n{body}").unwrap();
+            count.fetch_add(1, Ordering::Relaxed);
+        }
+    });
+    let mut live = Live::open(&Source::Kraken("127.0.0.1".to_owned(), port), options()).unwrap();
+    let mut heard = Vec::new();
+    until(&mut live, |state, bearing| {
+        heard.extend(bearing.map(|bearing| degrees(&bearing).round() as i32));
+        matches!(state, State::Lost(why) if why.contains("status 404"))
+    });
+    assert_eq!(heard, [20, 21, 22, 23, 24]);
+    thread.join().unwrap();
+    until(&mut live, |state, _| matches!(state, State::Lost(why) if !why.contains("404")));
+}
+
+fn array() -> RadioArray {
+    let text = "wavelength_m = 1.0\nantennas_m = [[0.25, 0.0], [-0.1, 0.2], [-0.1, -0.2]]\nsample_rate_hz = 1e6\n";
+    RadioArray::parse(text).unwrap()
+}
+
+fn header(channels: u32, length: u32) -> [u8; 1024] {
+    let mut header = [0; 1024];
+    let mut put = |at: usize, bytes: &[u8]| header[at..at + bytes.len()].copy_from_slice(bytes);
+    put(0, &0x2BF7_B95A_u32.to_le_bytes());
+    put(28, &channels.to_le_bytes());
+    put(56, &1_000_000_u64.to_le_bytes());
+    put(64, &length.to_le_bytes());
+    put(100, &32_u32.to_le_bytes());
+    put(236, &1_u32.to_le_bytes());
+    put(240, &1_u32.to_le_bytes());
+    put(1020, &7_u32.to_le_bytes());
+    header
+}
+
+/// A noise-like source, channel after channel.
+fn payload(azimuth: f64, length: u32) -> Vec<u8> {
+    let mut word = 1_u64;
+    let mut noise = move || {
+        word = word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (word >> 33) as f64 / f64::from(1_u32 << 31) - 0.5
+    };
+    let sent: Vec<[f64; 2]> = (0..length).map(|_| [noise(), noise()]).collect();
+    let mut bytes = Vec::new();
+    for [x, y] in [[0.25, 0.0], [-0.1, 0.2], [-0.1, -0.2]] {
+        let (s, c) = (TAU * (x * f64::cos(azimuth) + y * f64::sin(azimuth))).sin_cos();
+        for [a, b] in &sent {
+            for part in [a * c - b * s + 0.05 * noise(), a * s + b * c + 0.05 * noise()] {
+                bytes.extend((part as f32).to_le_bytes());
+            }
+        }
+    }
+    bytes
+}
+
+#[test]
+fn heimdalls_stream_gives_bearings_once_its_channels_are_in_step() {
+    let server = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = server.local_addr().unwrap().port();
+    let thread = std::thread::spawn(move || {
+        let (mut stream, _) = server.accept().unwrap();
+        let mut asked = [0; 10];
+        stream.read_exact(&mut asked[..9]).unwrap();
+        assert_eq!(&asked[..9], b"streaming");
+        for number in 0..6 {
+            let mut header = header(3, 2500);
+            match number {
+                // A dummy frame, one before the channels are in step, one of another receiver.
+                0 => header[4] = 1,
+                1 => header[240] = 0,
+                2 => header[56] = 1,
+                _ => {}
+            }
+            stream.write_all(&header).unwrap();
+            stream.write_all(&payload(0.6, 2500)).unwrap();
+            stream.read_exact(&mut asked).unwrap();
+            assert_eq!(&asked, b"IQDownload");
+        }
+        stream.write_all(&[7; 1024]).unwrap();
+    });
+    let mut live =
+        Live::open(&Source::Heimdall("127.0.0.1".to_owned(), port), Options { array: Some(array()), ..options() })
+            .unwrap();
+    let (mut heard, mut seen) = (0, Vec::new());
+    until(&mut live, |state, bearing| {
+        if let Some(bearing) = bearing {
+            assert!((bearing.azimuth_rad - 0.6).abs() < 0.03, "{bearing:?}");
+            heard += 1;
+        }
+        seen.push(state.name());
+        matches!(state, State::Lost(why) if why.contains("sync word"))
+    });
+    assert!(heard >= 1, "{seen:?}");
+    thread.join().unwrap();
+}
+
+#[test]
+fn heimdalls_header_is_refused_by_field() {
+    let read = |change: &dyn Fn(&mut [u8; 1024])| {
+        let mut header = header(5, 1 << 18);
+        change(&mut header);
+        Header::read(&header)
+    };
+    assert!(read(&|_| ()).is_ok_and(|header| header.channels == 5 && header.is_data && header.is_in_step));
+    assert!(read(&|header| header[0] = 0).unwrap_err().contains("sync word"));
+    assert!(read(&|header| header[28] = 33).unwrap_err().contains("active_ant_chs = 33"));
+    assert!(read(&|header| header[67] = 1).unwrap_err().contains("cpi_length"));
+    assert!(read(&|header| header[100] = 8).unwrap_err().contains("sample_bit_depth = 8"));
+    assert!(read(&|header| header[248] = 1).is_ok_and(|header| !header.is_in_step), "its noise source is on");
+}
+
+#[test]
+fn lines_of_a_serial_port_give_bearings_and_its_end_has_a_name() {
+    let (mut far, address) = Line::listen(&Listen::Pty).unwrap();
+    let Address::Serial { device, baud } = address else { panic!("{address}") };
+    let wanted = Some(0x6C1D_EBA4_1845);
+    let mut live = Live::open(&Source::Uudf(device, baud), Options { emitter: wanted, ..options() }).unwrap();
+    far.read();
+    far.write(b"+UUDF:6C1DEBA41845,-56,-11,20,0,39,\"6C1DEBA79D14\",\"\",746675,1\r\n");
+    until(&mut live, |_, bearing| bearing.is_some_and(|bearing| (degrees(&bearing) + 11.0).abs() < 1e-3));
+    far.write(b"+UUDF:6C1DEBA41846,-56,-11,20,0,39,\"6C1DEBA79D14\",\"\",746675,2\r\n");
+    until(&mut live, |state, bearing| bearing.is_none() && state.name() == "no_bearing");
+    far.write(b"+UUDF:6C1DEBA41845,-56,999,20,0,39,\"6C1DEBA79D14\",\"\",746675,3\r\n");
+    until(&mut live, |state, _| matches!(state, State::Refused(why) if why.contains("azimuth")));
+    drop(far);
+    until(&mut live, |state, _| matches!(state, State::Lost(_)));
+}
+
+#[test]
+fn iq_reports_over_serial_give_bearings() {
+    let ring: Vec<[f64; 2]> =
+        (0..8).map(|k| [0.5 * (TAU * f64::from(k) / 8.0).cos(), 0.5 * (TAU * f64::from(k) / 8.0).sin()]).collect();
+    let text = format!(
+        "wavelength_m = 1.0\nantennas_m = {ring:?}\nsample_rate_hz = 1e6\ntone_hz = 250e3\n[switch]\nslot_s = 4e-6\npattern = [2, 3, 4, 5, 6, 7, 8, 1]\n"
+    );
+    let array = RadioArray::parse(&text).unwrap();
+    let mut report = vec![4, 0x3E, 103, 0x15, 1, 0, 17, 0x18, 0xFD, 0, 0, 2, 0, 1, 0, 45];
+    let reference = (0..8).map(|k| (0, 4.5 + f64::from(k)));
+    for (antenna, time_us) in reference.chain((0..37).map(|s: usize| ((s + 1) % 8, 15.0 + 4.0 * s as f64))) {
+        let [x, y] = ring[antenna];
+        let phase = TAU * (x * f64::cos(1.2) + y * f64::sin(1.2)) + TAU * 0.257 * time_us;
+        report.extend([(100.0 * phase.cos()) as i8 as u8, (100.0 * phase.sin()) as i8 as u8]);
+    }
+    let (mut far, address) = Line::listen(&Listen::Pty).unwrap();
+    let Address::Serial { device, baud } = address else { panic!("{address}") };
+    let mut live = Live::open(&Source::Hci(device, baud), Options { array: Some(array), ..options() }).unwrap();
+    far.read();
+    far.write(&report);
+    until(&mut live, |_, bearing| bearing.is_some_and(|bearing| (bearing.azimuth_rad - 1.2).abs() < 0.02));
+    report[12] = 1;
+    far.write(&report);
+    until(&mut live, |state, bearing| bearing.is_none() && state.name() == "no_bearing");
+    report[12] = 9;
+    far.write(&report);
+    until(&mut live, |state, _| matches!(state, State::Refused(why) if why.contains("Packet_Status = 9")));
+}

@@ -1,0 +1,76 @@
+//! WAV recordings of many channels: real samples of each antenna, or I and Q of each in turn.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use hound::{SampleFormat, WavReader};
+use num_complex::Complex32;
+
+use super::frames::FRAME;
+use crate::scenario::input::InputError;
+
+/// A recording in frames, channel after channel.
+pub(super) struct Recording {
+    pub(super) channels: usize,
+    pub(super) samples: usize,
+    pub(super) values: Vec<Complex32>,
+    /// The samples are real.
+    pub(super) is_real: bool,
+    /// In words.
+    pub(super) kind: String,
+}
+
+/// Reads a recording of so many antennas: that many channels are real samples, twice as many I and Q.
+///
+/// # Errors
+/// Names the file, and the field of its header that does not fit.
+pub(super) fn read(path: &Path, antennas: usize, sample_rate_hz: f64) -> Result<Recording, InputError> {
+    let bytes = std::fs::read(path).map_err(|error| InputError::new(error.to_string()).in_file(path))?;
+    parse(&bytes, antennas, sample_rate_hz).map_err(|error| error.in_file(path))
+}
+
+fn parse(bytes: &[u8], antennas: usize, sample_rate_hz: f64) -> Result<Recording, InputError> {
+    let unreadable = |error: hound::Error| InputError::new(format!("not a WAV file that can be read: {error}"));
+    let mut reader = WavReader::new(Cursor::new(bytes)).map_err(unreadable)?;
+    let spec = reader.spec();
+    let channels = usize::from(spec.channels);
+    if channels != antennas && channels != 2 * antennas {
+        let iq = 2 * antennas;
+        return Err(InputError::new(format!(
+            "channels = {channels}: antennas_m has {antennas}, so {antennas} (real) or {iq} (I and Q)"
+        )));
+    }
+    let rate_hz = f64::from(spec.sample_rate);
+    if (rate_hz - sample_rate_hz).abs() > 1e-6 * sample_rate_hz {
+        return Err(InputError::new(format!(
+            "sample_rate = {rate_hz}: the array file has sample_rate_hz = {sample_rate_hz}"
+        )));
+    }
+    let bits = spec.bits_per_sample;
+    let full = 2.0_f32.powi(i32::from(bits.clamp(1, 32)) - 1);
+    let all: Vec<f32> = match spec.sample_format {
+        SampleFormat::Float => reader.samples::<f32>().collect::<Result<_, _>>().map_err(unreadable)?,
+        SampleFormat::Int => {
+            let samples = reader.samples::<i32>().map(|sample| sample.map(|value| value as f32 / full));
+            samples.collect::<Result<_, _>>().map_err(unreadable)?
+        }
+    };
+    let is_real = channels == antennas;
+    let width = if is_real { 1 } else { 2 };
+    let samples = (all.len() / channels).min(FRAME);
+    if samples == 0 {
+        return Err(InputError::new("no samples"));
+    }
+    let mut values = Vec::with_capacity(all.len() / width);
+    for frame in all.chunks_exact(channels * samples) {
+        for antenna in 0..antennas {
+            values.extend(frame.chunks_exact(channels).map(|sample| match &sample[antenna * width..][..width] {
+                [re, im] => Complex32::new(*re, *im),
+                other => Complex32::new(other[0], 0.0),
+            }));
+        }
+    }
+    let sort = if is_real { "real samples" } else { "I and Q" };
+    let format = if spec.sample_format == SampleFormat::Float { "float" } else { "int" };
+    Ok(Recording { channels: antennas, samples, values, is_real, kind: format!("WAV {format}{bits}, {sort}") })
+}

@@ -1,0 +1,115 @@
+//! `foxhound companion --bearings`: a radio that runs instead of simulated antennas.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use std::net::UdpSocket;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::sleep;
+use std::time::Duration;
+
+use foxhound_tests::{run, share_machine};
+
+use crate::companion::{Bench, ended, interrupt, start};
+
+/// Sends the bearing of a beacon 8 m north by UDP, ten a second, as a radio at the vehicle would tell it, while it is wanted.
+fn radio(bench: &Bench, port: u16, is_wanted: &Arc<AtomicBool>) -> impl FnOnce() {
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let (heard, is_wanted, ends) = (bench.shared(), Arc::clone(is_wanted), Arc::new(AtomicBool::new(false)));
+    let ended = Arc::clone(&ends);
+    let thread = std::thread::spawn(move || {
+        let mut number = 0_u32;
+        while !ended.load(Ordering::Relaxed) {
+            let ([north, east, _], yaw_rad) = {
+                let heard = heard.lock().unwrap();
+                (heard.position_ned_m, heard.yaw_rad)
+            };
+            // 5 degrees of what looks like noise.
+            number = number.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let noise_deg = 17.0 * (f64::from(number >> 8) / f64::from(1 << 24) - 0.5);
+            let azimuth_deg = f64::atan2(-east, 8.0 - north).to_degrees() - yaw_rad.to_degrees() + noise_deg;
+            let line = format!(
+                "{{\"azimuth_deg\": {:.1}, \"sigma_deg\": 5.0}}\n",
+                (azimuth_deg + 540.0).rem_euclid(360.0) - 180.0
+            );
+            if is_wanted.load(Ordering::Relaxed) {
+                let _ = socket.send_to(line.as_bytes(), ("127.0.0.1", port));
+            }
+            sleep(Duration::from_millis(100));
+        }
+    });
+    move || {
+        ends.store(true, Ordering::Relaxed);
+        thread.join().unwrap();
+    }
+}
+
+fn free_port() -> u16 {
+    UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+/// Flown by bearings of a radio, JSON lines by UDP, the companion reaches the beacon; when the radio stops on the way it holds, says
+/// `no_signal`, and flies on when it is heard again.
+#[test]
+fn bearings_of_a_radio_are_flown_by_and_its_silence_is_a_hold() {
+    let _machine = share_machine();
+    let (bench, port) = (Bench::new("tcp:127.0.0.1:0"), free_port());
+    let is_wanted = Arc::new(AtomicBool::new(true));
+    let end = radio(&bench, port, &is_wanted);
+    let source = format!("udp:127.0.0.1:{port}");
+    let child = start(&bench.address, &["--obstacles", "none", "--bearings", &source, "--params", &params()]);
+    bench.wait("it flies", |heard| heard.position_ned_m[0] > 2.0);
+    is_wanted.store(false, Ordering::Relaxed);
+    sleep(Duration::from_millis(2500));
+    let stood = bench.wait("it stands", |heard| heard.speed_mps < 0.2);
+    assert!(stood.position_ned_m[0] < 7.0, "{:?}", stood.position_ned_m);
+    is_wanted.store(true, Ordering::Relaxed);
+    let (code, report) = ended(child);
+    assert_eq!((code, &report["result"]), (0, &"reached".into()), "{report}");
+    let rms_deg = report["bearing_rms_deg"].as_f64().unwrap();
+    assert!((2.0..9.0).contains(&rms_deg), "{report}");
+    end();
+}
+
+/// Without `--source` nobody knows how near the beacon is: the flight ends when it is told to, with neither a distance nor an error.
+#[test]
+fn a_beacon_whose_place_is_not_known_is_flown_to_until_it_is_stopped() {
+    let _machine = share_machine();
+    let (bench, port) = (Bench::new("tcp:127.0.0.1:0"), free_port());
+    let is_wanted = Arc::new(AtomicBool::new(true));
+    let end = radio(&bench, port, &is_wanted);
+    let source = format!("udp:127.0.0.1:{port}");
+    let mut command = foxhound_tests::foxhound();
+    command.args(["companion", "--autopilot", &bench.address, "--json", "--obstacles", "none"]);
+    command.args(["--bearings", &source, "--params", &params()]);
+    let child = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().unwrap();
+    bench.wait("it flies", |heard| heard.position_ned_m[0] > 3.0);
+    interrupt(&child);
+    let (code, report) = ended(child);
+    assert!(code == 1 && report["bearing_rms_deg"].is_null(), "{report}");
+    end();
+}
+
+/// A parameter file in which no obstacle sensor is wanted.
+fn params() -> String {
+    let path = std::env::temp_dir().join(format!("foxhound-radio-{}.toml", std::process::id()));
+    std::fs::write(&path, "FH_OBS_REQ = 0\n").unwrap();
+    path.to_string_lossy().into_owned()
+}
+
+/// A radio that cannot be had is refused by option before the flight.
+#[test]
+fn a_radio_that_cannot_be_had_is_refused_by_option() {
+    let refused = |more: &[&str], words: &str| {
+        let output = run(&[&["companion", "--autopilot", "tcp:127.0.0.1:1"], more].concat());
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(2) && text.contains(words), "{more:?}: {text}");
+    };
+    refused(&[], "--source");
+    refused(&["--bearings", "radio:1"], "expected kraken:HOST");
+    refused(&["--bearings", "heimdall:127.0.0.1"], "needs --array");
+    refused(&["--bearings", "hci:/dev/does-not-exist:115200"], "needs --array");
+    refused(&["--bearings", "uudf:/dev/does-not-exist:115200"], "/dev/does-not-exist");
+    refused(&["--bearings", "kraken:127.0.0.1:1", "--sigma-deg", "0"], "--sigma-deg = 0 is outside");
+    refused(&["--bearings", "kraken:127.0.0.1:1", "--bearing-age", "99"], "--bearing-age = 99 is outside");
+}

@@ -1,0 +1,59 @@
+//! QEMU ends with the program that started it, whatever ends that, and leaves nothing in the temporary folder.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+
+use foxhound_tests::{foxhound, qemu_image, take_machine};
+
+/// Command lines of the QEMUs that a program has started.
+fn qemus(of: u32) -> Vec<String> {
+    let folder = format!("foxhound-qemu-{of}-");
+    let lines = std::fs::read_dir("/proc").unwrap().flatten().filter_map(|entry| {
+        let line = std::fs::read(entry.path().join("cmdline")).ok()?;
+        let line = String::from_utf8_lossy(&line).replace('\0', " ");
+        (line.starts_with("qemu-system-arm ") && line.contains(&folder)).then_some(line)
+    });
+    lines.collect()
+}
+
+/// What a program has in the temporary folder.
+fn folders(of: u32) -> Vec<String> {
+    let names = std::fs::read_dir(std::env::temp_dir()).unwrap().flatten();
+    let names = names.map(|entry| entry.file_name().to_string_lossy().into_owned());
+    names.filter(|name| name.starts_with(&format!("foxhound-qemu-{of}-"))).collect()
+}
+
+fn until(what: &str, is_so: impl Fn() -> bool) {
+    let since = Instant::now();
+    while !is_so() {
+        assert!(since.elapsed() < Duration::from_secs(30), "{what}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+fn flying() -> Child {
+    let via = format!("qemu:{}", qemu_image());
+    let mut command = foxhound();
+    command.args(["fly", "--json", "--via", &via, "--live", "--port", "0", "--speed", "0.1"]);
+    command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+}
+
+/// After SIGKILL, SIGTERM and SIGINT no QEMU runs any more and no folder is left; while it flies there is no folder either.
+#[test]
+#[ignore = "needs QEMU and the image: cargo xtask test"]
+fn qemu_never_outlives_its_parent_and_leaves_no_folder() {
+    let _machine = take_machine();
+    for signal in ["-KILL", "-TERM", "-INT"] {
+        let mut child = flying();
+        let pid = child.id();
+        until("QEMU does not start", || qemus(pid).len() == 1);
+        until("the folder stays", || folders(pid).is_empty());
+        let killed = std::process::Command::new("kill").args([signal, &pid.to_string()]).status().unwrap();
+        assert!(killed.success());
+        child.wait().unwrap();
+        until(&format!("QEMU runs on after {signal}"), || qemus(pid).is_empty());
+        assert_eq!(folders(pid), Vec::<String>::new(), "{signal}");
+    }
+}
