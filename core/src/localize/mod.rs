@@ -1,5 +1,5 @@
-//! Bearings become what is believed of where the source is, over reflecting walls too. It may import `base`, `doa` and
-//! `mapping`.
+//! From bearings to an estimate of the source's position, also when the signal is reflected by walls. This module may
+//! import `base`, `doa` and `mapping`.
 
 pub mod goal;
 pub mod link_state;

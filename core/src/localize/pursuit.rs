@@ -1,10 +1,10 @@
-//! Where to fly, from rotations and the vehicle's own positions.
+//! The direction to fly in, from rotations and the vehicle's own positions.
 //!
-//! Two filters, side by side. [`direction`] is never led astray for long, because it keeps every hill of
-//! the posterior, but knows neither range nor its own motion. [`polar`] knows both and takes the vehicle's motion out of the
-//! bearing, but has one hill only: begun on an outlier it would take the truth for outliers. So the first one begins the
-//! second, and begins it anew when the two contradict each other. Beside the source, where the direction turns and leaps, the
-//! first one has the word.
+//! Two filters run side by side. [`direction`] recovers soon from outliers, because it keeps every maximum of the
+//! posterior, but it uses neither range nor the vehicle's motion. [`polar`] estimates the range and compensates the
+//! bearing for the vehicle's motion, but it has one maximum only: started on an outlier, it would reject the correct
+//! bearings as outliers. So the first filter starts the second, and restarts it when the two contradict each other.
+//! Close to the source, where the direction changes fast and jumps, the first filter decides.
 
 use crate::base::error::ConfigError;
 use crate::base::math::sqrt;
@@ -15,21 +15,22 @@ use crate::localize::source::{Estimate, Sighting, Update, polar};
 
 use crate::doa::rotating::direction;
 
-/// The direction has to be known this well to begin with.
+/// Largest standard deviation of the direction at which the second filter is started.
 const START_SIGMA_RAD: f32 = 0.4;
-/// The two contradict each other beyond so many standard deviations of both, for so many rotations in a row.
+/// The two contradict each other when they differ by more than this many of their joint standard deviations, for this
+/// many rotations in a row.
 const CONTRADICTION: f32 = 3.0;
 const PATIENCE: u8 = 5;
-/// Probability of a fast direction above which the position counts for nothing.
+/// Probability of a fast direction above which the position is ignored.
 const FAST: f32 = 0.5;
 
-/// What the pursuit needs to know.
+/// Configuration of the pursuit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// Without a position.
+    /// The filter without a position.
     pub direction: direction::Config,
-    /// With one. Its rate of outliers is that of `direction`.
+    /// The filter with a position. Its outlier rate is that of `direction`.
     pub polar: polar::Config,
 }
 
@@ -60,7 +61,7 @@ pub struct Pursuer {
     polar: polar::Filter,
 }
 
-/// What is known; `S` as for [`polar::State`].
+/// The state of both filters; `S` as for [`polar::State`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct State<const S: usize> {
     direction: direction::State,
@@ -76,14 +77,14 @@ impl<const S: usize> Default for State<S> {
 }
 
 impl<const S: usize> State<S> {
-    /// Nothing heard. All bits are zero.
+    /// No bearing yet. All bits are zero.
     #[must_use]
     pub const fn new() -> Self {
         Self { direction: direction::State::new(), polar: polar::State::new(), heard: None, contradictions: 0 }
     }
 }
 
-/// Where to fly.
+/// The direction to fly in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Course {
@@ -91,12 +92,12 @@ pub struct Course {
     pub bearing_ned_rad: f32,
     /// Its standard deviation.
     pub sigma_rad: f32,
-    /// Where the source is believed to be, once that has begun; of no use while the direction moves fast.
+    /// The estimated source, once the second filter has started; not usable while the direction changes fast.
     pub source: Option<Estimate>,
 }
 
 impl Pursuer {
-    /// Takes in a rotation's bearing, heard at a place; `None` if they are no numbers.
+    /// Processes a rotation's bearing, measured at a position; `None` if either is not finite.
     pub fn step<const S: usize>(
         &self,
         state: &mut State<S>,
@@ -128,7 +129,7 @@ impl Pursuer {
         Some(Course { bearing_ned_rad, sigma_rad, source })
     }
 
-    /// Ends the filter with the position when the one without contradicts it.
+    /// Stops the filter with the position when the one without contradicts it.
     fn compare<const S: usize>(&self, state: &mut State<S>, known: &direction::Estimate) {
         let Some(source) = state.polar.estimate() else { return };
         let off_rad = wrap_pi(source.bearing_ned_rad - known.bearing_ned_rad);
@@ -151,7 +152,8 @@ mod tests {
     use crate::base::rng::Rng;
     use core::f32::consts::TAU;
 
-    /// Flies towards a source at the origin; the path over the straight line, and the last course.
+    /// Flies towards a source at the origin; returns the length of the path over that of the straight line, and the
+    /// last course.
     fn fly(seed: u64, outlier_rate: f32, sigma_rad: f32, worst_case: bool) -> (f32, Course) {
         let pursuer = Config::default().build().unwrap();
         let (mut state, mut rng) = (State::<2>::new(), Rng::new(seed, 1));

@@ -1,17 +1,19 @@
-//! Which places the obstacle sensor has seen: the guard lets the vehicle go only there.
+//! Which places the obstacle sensor has seen: the guard allows motion only into these.
 //!
-//! A nose with a narrow view does not see what stands beside it, and a disc that moves comes nearer to everything up to 90
-//! degrees off its path. So the places that the obstacle sensor has seen are remembered, in a grid of bits around the
-//! vehicle that scrolls along with it (64 x 64 cells of 5 cm; what scrolls in has not been seen), and the latest scan is
-//! kept as it is for what lies farther.
+//! A sensor with a narrow field of view does not see obstacles beside it, and a moving disc comes nearer to everything
+//! up to 90 degrees off its path. So the places that the obstacle sensor has seen are stored in a grid of bits around
+//! the vehicle, which scrolls along with it (64 x 64 cells of 5 cm; cells that scroll in are unseen). For places
+//! farther away the latest scan is kept unchanged.
 //!
-//! The question asked is not "is this cell empty" but "could an obstacle stand here unseen": one of at least
-//! [`Config::smallest_obstacle_m`] radius cannot, if somewhere in it a ray has passed. So a place counts as seen when one
-//! of the four cells nearest to it has been, and rays need not be denser than cells.
+//! The question asked is not "is this cell empty" but "could an obstacle stand here unseen": an obstacle of at least
+//! [`Config::smallest_obstacle_m`] radius cannot, if a ray has passed somewhere in it. So a place counts as seen when
+//! one of the four cells nearest to it has been seen, and rays need not be denser than cells.
 //!
 //! - [`Cover::Seen`]: a ray has passed.
-//! - [`Cover::Hidden`]: in the field of view of the latest scan, behind something. Another scan from here does not help, only going there slowly.
-//! - [`Cover::WasHidden`]: it was so in an earlier scan, from elsewhere. Whether another scan helps depends on what stands before it now.
+//! - [`Cover::Hidden`]: in the field of view of the latest scan, but behind an obstacle. Another scan from here does
+//!   not help, only flying there slowly.
+//! - [`Cover::WasHidden`]: hidden in an earlier scan, from another position. Another scan helps unless an obstacle is
+//!   in front of it now.
 //! - [`Cover::Unseen`]: never in the field of view.
 //!
 //! Cost: bench rows `look_64` for a scan, `guard_64` for a step with all its queries.
@@ -26,18 +28,18 @@ use crate::base::pose::Pose;
 use crate::base::units::{between, wrap_pi};
 use crate::mapping::scan::{Ranges, SECTORS_MAX, Scan};
 
-/// Cells on a side of the grid; a power of two.
+/// Number of cells along a side of the grid; a power of two.
 const SIDE: i32 = 64;
 /// Side of a cell.
 const CELL_M: f32 = 0.05;
 const CELLS_PER_M: f32 = 1.0 / CELL_M;
-/// A scan is drawn this far at most; it stays inside the grid.
+/// Largest range to which a scan is drawn, so that it stays inside the grid.
 const DRAWN_M: f32 = 1.52;
-/// Distance between the marks along a ray, and between rays: with the four cells of a query no gap is left.
+/// Largest distance between the marks along a ray, and between rays: since a query checks four cells, it leaves no gap.
 const STEP_M: f32 = 0.07;
-/// Rays over the field of view of a sensor that delivers circles are at most this far apart.
+/// Largest angle between the rays assumed in the field of view of a sensor that delivers circles.
 const RAY_STEP_RAD: f32 = 0.045;
-/// Positions beyond this are no place for a grid.
+/// Positions farther from the origin than this are not represented in the grid.
 const PLACE_MAX_M: f32 = 1e5;
 
 /// Configuration of the coverage grid.
@@ -46,7 +48,7 @@ const PLACE_MAX_M: f32 = 1e5;
 pub struct Config {
     /// Radius of the smallest obstacle that must not be overlooked.
     pub smallest_obstacle_m: f32,
-    /// Nothing unseen is closer to the vehicle than this where it is first asked to move.
+    /// Clearance from unseen obstacles that is assumed where the vehicle is first asked to move.
     pub start_clearance_m: f32,
     /// Range of a sensor that delivers circles.
     pub range_m: f32,
@@ -81,15 +83,15 @@ pub struct Surveyor {
     rays: usize,
 }
 
-/// What is known of a place.
+/// Coverage of a place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Cover {
     /// A ray of the sensor has passed.
     Seen,
-    /// In the field of view of the latest scan, but behind something.
+    /// In the field of view of the latest scan, but behind an obstacle.
     Hidden,
-    /// In the field of view of an earlier scan, behind something from there.
+    /// In the field of view of an earlier scan, but behind an obstacle.
     WasHidden,
     /// Never in the field of view.
     Unseen,
@@ -98,17 +100,17 @@ pub enum Cover {
 /// The latest scan: the range of each ray.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
-    /// Where it was taken from.
+    /// Position of the sensor.
     pub origin_ned_m: Horizontal,
-    /// From north to the middle of the first ray.
+    /// Azimuth of the middle of the first ray, from north.
     pub first_ned_rad: f32,
-    /// From a ray to the next.
+    /// Angle from one ray to the next.
     pub step_rad: f32,
-    /// Rays that there are, and whether they are a full turn.
+    /// Number of rays, and whether they cover a full turn.
     pub rays: u8,
     /// See `rays`.
     pub closes: bool,
-    /// Range of a ray that hits nothing.
+    /// Range assigned to a ray that hits nothing.
     pub range_m: f32,
     /// Range of each ray.
     pub ranges: Ranges,
@@ -121,7 +123,7 @@ impl Profile {
     }
 }
 
-/// Bits of the grid, two words for each row.
+/// The bits of the grid, two words for each row.
 type Bits = [[u32; 2]; SIDE as usize];
 
 /// Which places have been seen so far.
@@ -131,9 +133,9 @@ pub struct Coverage {
     hidden: Bits,
     /// The cell at the south-west corner of the grid, counted from the origin.
     corner: (i32, i32),
-    /// Where the vehicle stood when it was first asked to move.
+    /// Position of the vehicle when it was first asked to move.
     home_ned_m: Option<Horizontal>,
-    /// The cell that it stands in, if the ground under it is marked.
+    /// The vehicle's cell, if the area under the vehicle is marked.
     stood: Option<(i32, i32)>,
     latest: Profile,
 }
@@ -159,13 +161,14 @@ impl Default for Coverage {
     }
 }
 
-/// Row, word and bit of a cell, wherever it lies: the grid is a torus.
+/// Row, word and bit of a cell; indices wrap around.
 fn bit(north: i32, east: i32) -> (usize, usize, u32) {
     let column = east & (SIDE - 1);
     ((north & (SIDE - 1)) as usize, (column / 32) as usize, 1 << (column % 32))
 }
 
-/// Whether one of four cells is marked: this one and its neighbours to the north and the east.
+/// Whether one of four cells is marked: this one, its neighbours to the north and to the east, and the one to the
+/// north-east.
 fn is_one_marked(bits: &Bits, north: i32, east: i32) -> bool {
     let row = |north: i32| bits[(north & (SIDE - 1)) as usize];
     let (at, above) = (row(north), row(north + 1));
@@ -186,7 +189,7 @@ impl Coverage {
         &self.latest
     }
 
-    /// Someone else moves the vehicle: the place where it is next asked to move is a new start.
+    /// Someone else flies the vehicle: the position where it is next asked to move is a new start.
     pub fn leave(&mut self) {
         self.home_ned_m = None;
     }
@@ -196,7 +199,7 @@ impl Coverage {
         inside(north, self.corner.0) && inside(east, self.corner.1)
     }
 
-    /// Scrolls the grid so that a cell is in its middle.
+    /// Scrolls the grid so that the given cell is in its middle.
     fn center(&mut self, north: i32, east: i32) {
         let corner = (north - SIDE / 2, east - SIDE / 2);
         let (rows, columns) = (corner.0 - self.corner.0, corner.1 - self.corner.1);
@@ -204,7 +207,8 @@ impl Coverage {
             self.seen = [[0; 2]; SIDE as usize];
             self.hidden = [[0; 2]; SIDE as usize];
         } else {
-            // Ahead, the rows that come in are those past the old end; behind, those before the old beginning.
+            // When scrolling forwards, the new rows are those past the old end; backwards, those before the old
+            // beginning.
             let first = if rows > 0 { self.corner.0 } else { corner.0 };
             for row in first..first + rows.abs() {
                 let (row, ..) = bit(row, 0);
@@ -226,7 +230,7 @@ impl Coverage {
     }
 }
 
-/// The cell of a place; `None` where there is no grid.
+/// The cell of a place; `None` too far from the origin.
 fn cell(place: Horizontal) -> Option<(i32, i32)> {
     let sane = libm::fabsf(place.north) < PLACE_MAX_M && libm::fabsf(place.east) < PLACE_MAX_M;
     // Rounded down, in fewer instructions than `floorf`.
@@ -237,8 +241,8 @@ fn cell(place: Horizontal) -> Option<(i32, i32)> {
     sane.then(|| (index(place.north), index(place.east)))
 }
 
-/// The bearing of a direction within 0.003 rad, a sixth of a ray of the default scan: obstacles 1 cm wider or narrower at
-/// three metres.
+/// The bearing of a direction within 0.003 rad, a sixth of a ray of the default scan: obstacles 1 cm wider or narrower
+/// at three metres.
 fn bearing_rad(away: Horizontal) -> f32 {
     F32(away.east).atan2(F32(away.north)).0
 }
@@ -250,7 +254,7 @@ impl Surveyor {
         self.config.smallest_obstacle_m
     }
 
-    /// Takes in a scan.
+    /// Processes a scan.
     pub fn note_scan(&self, coverage: &mut Coverage, scan: &Scan, pose: &Pose) {
         if !scan.is_plausible() {
             return;
@@ -266,8 +270,8 @@ impl Surveyor {
         self.draw(coverage);
     }
 
-    /// Takes in that a sensor has delivered circles: it saw its whole field of view, up to the obstacles that are known.
-    /// `vehicle_radius_m` is what their reach is larger by.
+    /// Processes a delivery of circles: the sensor saw its whole field of view, up to the known obstacles.
+    /// `vehicle_radius_m` is the part of their reach that belongs to the vehicle.
     pub fn note_circles(&self, coverage: &mut Coverage, obstacles: &[Neighbour], vehicle_radius_m: f32, pose: &Pose) {
         let latest = &mut coverage.latest;
         latest.rays = self.rays as u8;
@@ -280,7 +284,7 @@ impl Surveyor {
             let away = obstacle.center_ned_m.minus(pose.position_ned_m);
             let radius_m = obstacle.reach_m - vehicle_radius_m;
             let (squared, reach_m) = (away.norm_squared(), self.config.range_m);
-            // To where a ray would touch it: what is nearer and behind its face is inside it.
+            // Up to where a ray would touch it: places nearer than that, but behind its face, are inside it.
             let tangent = squared - radius_m * radius_m;
             if !(tangent > 1e-4) || tangent > reach_m * reach_m {
                 continue;
@@ -319,14 +323,15 @@ impl Surveyor {
         coverage.center(north, east);
         let Coverage { seen, hidden, corner, latest, .. } = coverage;
 
-        // A wide view is drawn less far, so that every scan costs the same, and no farther than its rays are dense.
+        // A wide field of view is drawn less far, so that every scan costs the same, and only as far as its rays are
+        // dense enough.
         let step_rad = libm::fabsf(latest.step_rad);
         let angle_rad = step_rad * f32::from(latest.rays);
         let by_cost = if angle_rad > 1.65 { DRAWN_M * sqrt(1.65 / angle_rad) } else { DRAWN_M };
         let by_gaps = 0.14 / step_rad;
         let drawn_m = if by_cost < by_gaps { by_cost } else { by_gaps };
 
-        // In cells from the corner, which is never negative.
+        // In cells from the corner, so that it is never negative.
         let from_north = latest.origin_ned_m.north * CELLS_PER_M - corner.0 as f32;
         let from_east = latest.origin_ned_m.east * CELLS_PER_M - corner.1 as f32;
         for index in 0..usize::from(latest.rays) {
@@ -352,7 +357,7 @@ impl Surveyor {
         }
     }
 
-    /// Marks the vehicle's own place as free: it fits there.
+    /// Marks the area under the vehicle as free: the vehicle fits there.
     pub fn stand(&self, coverage: &mut Coverage, position_ned_m: Horizontal, vehicle_radius_m: f32) {
         let Some((north, east)) = cell(position_ned_m) else { return };
         if coverage.has_scanned() {
@@ -375,11 +380,11 @@ impl Surveyor {
         }
     }
 
-    /// What is known of a place.
+    /// Coverage of a place.
     #[must_use]
     pub fn cover(&self, coverage: &Coverage, place: Horizontal) -> Cover {
         let mut was_hidden = false;
-        // Of the four cells whose common corner is nearest.
+        // The first of the four cells whose common corner is nearest.
         let first = place.minus(Horizontal { north: 0.5 * CELL_M, east: 0.5 * CELL_M });
         if let Some((north, east)) = cell(first)
             && coverage.contains(north, east)
@@ -395,14 +400,14 @@ impl Surveyor {
         }
     }
 
-    /// Whether an obstacle at a place cannot be one that is not known of, because the vehicle has not moved towards it yet.
+    /// Whether a place is so close to the start that an unknown obstacle there is excluded by `start_clearance_m`.
     #[must_use]
     pub fn is_at_home(&self, coverage: &Coverage, place: Horizontal, vehicle_radius_m: f32) -> bool {
         let reach_m = vehicle_radius_m + self.config.smallest_obstacle_m + self.config.start_clearance_m;
         coverage.home_ned_m.is_none_or(|home| place.minus(home).norm_squared() < reach_m * reach_m)
     }
 
-    /// What the latest scan shows of a place.
+    /// Coverage of a place by the latest scan.
     fn in_latest(&self, latest: &Profile, place: Horizontal) -> Cover {
         let away = place.minus(latest.origin_ned_m);
         let squared = away.norm_squared();
@@ -411,11 +416,11 @@ impl Surveyor {
             return Cover::Unseen;
         }
         let distance_m = sqrt(squared);
-        // From the middle ray, so that what lies left of the first one is not a turn off.
+        // Relative to the middle ray, so that a direction left of the first ray is not wrapped by a full turn.
         let middle = 0.5 * f32::from(latest.rays - 1);
         let off_rad = wrap_pi(bearing_rad(away) - latest.first_ned_rad - middle * latest.step_rad);
         let index = off_rad / latest.step_rad + middle;
-        // As far out of the view as the grid remembers it.
+        // The view is extended by the resolution of the grid.
         let slack = 0.5 * CELL_M / (distance_m * libm::fabsf(latest.step_rad));
         let last = f32::from(latest.rays - 1);
         if !latest.closes && (index < -slack || index > last + slack) {
@@ -462,7 +467,7 @@ mod tests {
     fn the_view_is_seen_its_shadows_are_hidden_and_the_rest_is_unseen() {
         let (surveyor, mut coverage) = (surveyor(), Coverage::default());
         assert!(!coverage.has_scanned());
-        // A wall on the right half, one metre off.
+        // A wall on the right half, one metre away.
         let sectors = core::array::from_fn(|k| if k < 36 { Sector::Clear } else { Sector::Hit(1.0) });
         surveyor.note_scan(&mut coverage, &scan(sectors), &pose(20.0, -7.0, 0.3));
         assert!(coverage.has_scanned());
@@ -483,7 +488,7 @@ mod tests {
 
     #[test]
     fn a_smallest_obstacle_that_counts_as_seen_is_met_by_a_ray() {
-        // The promise behind it all, over places, yaws and positions relative to the cells.
+        // The guarantee of this module, over many places, yaws and positions relative to the cells.
         let surveyor = surveyor();
         let mut rng = crate::base::rng::Rng::new(5, 8);
         let (mut seen, mut unseen) = (0, 0);
@@ -495,7 +500,7 @@ mod tests {
                 let azimuth = core::f32::consts::TAU * rng.uniform() - core::f32::consts::PI;
                 let distance = 0.25 + 1.2 * rng.uniform();
                 let place = here.position_ned_m.plus(Horizontal::from_bearing(here.yaw_rad + azimuth).times(distance));
-                // How far the nearer edge of the view passes from its centre, in f64.
+                // Distance of the nearer edge of the view from its centre, in f64.
                 let off = (f64::from(azimuth).abs() - core::f64::consts::FRAC_PI_4).max(0.0);
                 let misses_m = f64::from(distance) * if off < 1.57 { off.sin() } else { 1.0 };
                 match surveyor.cover(&coverage, place) {
@@ -529,7 +534,7 @@ mod tests {
         surveyor.note_scan(&mut coverage, &clear, &pose(0.0, 0.0, 0.0));
         surveyor.note_scan(&mut coverage, &clear, &pose(0.0, 0.0, 3.0));
         assert_eq!(surveyor.cover(&coverage, at(0.8, 0.1)), Cover::Seen);
-        // Away to the south and west and back: what has scrolled out is unseen again, and nothing wraps round.
+        // To the south and west and back: cells that were scrolled out are unseen again, and none wraps around.
         for step in 0..=60 {
             surveyor.stand(&mut coverage, at(-0.1 * step as f32, -0.07 * step as f32), 0.15);
         }

@@ -1,4 +1,4 @@
-//! How a lidar is mounted that the computer has on a line of its own.
+//! Mounting of a lidar that is connected directly to the computer.
 
 use core::f32::consts::PI;
 
@@ -8,14 +8,14 @@ use crate::base::error::{ConfigError, check};
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Mount {
-    /// Where its arrow points, from the nose, clockwise.
+    /// Direction of its forward mark, from the nose, clockwise.
     pub yaw_rad: f32,
-    /// It hangs upside down: what it calls clockwise is not.
+    /// Whether it is mounted upside down, which reverses its direction of rotation.
     pub is_upside_down: bool,
 }
 
 impl Mount {
-    /// Checks it.
+    /// Checks the configuration.
     ///
     /// # Errors
     /// The field that is out of range.

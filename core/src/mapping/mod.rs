@@ -1,5 +1,5 @@
-//! Obstacles: hits become circles and walls that are remembered, and which places the sensor has seen is kept. It may import
-//! `base`.
+//! Obstacles: converts hits to circles and walls, remembers them, and records which places the sensor has seen. This
+//! module may import `base`.
 
 pub mod coverage;
 pub mod lidar;

@@ -5,13 +5,13 @@
 //! `F = -k_att (x - x_d) + sum k / d n`
 //!
 //! over the obstacles within the influence range `d_0`. There `d` is the distance between the boundaries of vehicle and
-//! obstacle, and `n` the unit vector away from the obstacle. Inside a circle, and closer than a centimetre to it, the force
-//! stays what it is there: it is finite everywhere. At the very centre an obstacle does not repel.
+//! obstacle, and `n` the unit vector away from the obstacle. Inside a circle, and closer than a centimetre to it, the
+//! force is constant, so it is finite everywhere. Exactly at its centre an obstacle does not repel.
 //!
-//! Our planner adds a swirl: a share of the repulsion, turned by a right angle, which carries the vehicle round what
-//! stands exactly in its way.
+//! Foxhound's planner adds a swirl: a share of the repulsion, turned by a right angle, which moves the vehicle around
+//! an obstacle that is exactly in its path.
 //!
-//! Other fields may stand in its place ([`ForceField`]): those of the variants paper, and the potentials of all of them, are in
+//! Other fields can replace it ([`ForceField`]): those of the variants paper, and the potentials of all of them, are in
 //! the crate `foxhound-papers`.
 
 use crate::base::math::inverse_root;
@@ -40,22 +40,22 @@ pub struct Gains {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Field {
-    /// How strong it is.
+    /// The gains.
     pub gains: Gains,
 }
 
-/// What the inner loop needs of an obstacle.
+/// The data of an obstacle that the inner loop needs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Pole {
-    /// Where it is.
+    /// Centre.
     pub center: Horizontal,
-    /// How close its boundary lets the vehicle's centre come.
+    /// Smallest distance of the vehicle's centre from the obstacle's centre: both radii.
     pub reach: f32,
-    /// Square of the distance from the centre up to which it acts.
+    /// Square of the distance from the centre within which it acts.
     pub squared_range: f32,
 }
 
-/// The force at a place, and the least clearance of the obstacles that act there or of those before.
+/// The force at a position, and the smallest clearance of the obstacles that act there and of those before.
 #[derive(Clone, Copy, Debug)]
 pub struct Pull {
     /// The force.
@@ -64,16 +64,16 @@ pub struct Pull {
     pub clearance: f32,
 }
 
-/// What a trajectory can follow.
+/// A force field that a trajectory can follow.
 pub trait ForceField {
-    /// How strong it is.
+    /// The gains.
     fn gains(&self) -> &Gains;
 
-    /// The force, from any selection of the obstacles that holds those within their range, in their order.
+    /// The force from a selection of the obstacles, which contains at least all that act here, in their order.
     fn pull(&self, position: Horizontal, target: Horizontal, poles: impl Iterator<Item = Pole>, clearance: f32)
     -> Pull;
 
-    /// An obstacle, and how far it acts.
+    /// Converts an obstacle, with the distance within which it acts.
     #[inline(always)]
     fn pole(&self, center: Horizontal, reach: f32) -> Pole {
         let range = reach + self.gains().influence_m;
@@ -88,14 +88,14 @@ pub trait ForceField {
 }
 
 impl Gains {
-    /// What pulls towards the target (eq. 33).
+    /// The attraction to the target (eq. 33).
     #[must_use]
     #[inline(always)]
     pub fn attraction(&self, to_target: Horizontal) -> Horizontal {
         to_target.times(self.k_att)
     }
 
-    /// A push with the swirl's share of it.
+    /// A repulsive force plus the swirl's share of it.
     #[must_use]
     #[inline(always)]
     pub fn swirled(&self, push: Horizontal) -> Horizontal {
@@ -106,7 +106,8 @@ impl Gains {
     #[must_use]
     #[inline(always)]
     pub fn logarithmic(&self, distance: f32) -> f32 {
-        // Without the division where it is not needed, which makes the compiler branch and is faster than to choose.
+        // The division is skipped where it is not needed: the compiler then branches, which is faster than a
+        // conditional move.
         if distance > DISTANCE_MIN_M { self.k_rep / distance } else { self.k_rep * (1.0 / DISTANCE_MIN_M) }
     }
 }
@@ -132,7 +133,7 @@ impl ForceField for Field {
     }
 }
 
-/// Sum of what acts along the lines from the obstacles, and the least clearance.
+/// Sum of the forces along the lines from the obstacles, and the smallest clearance.
 #[inline(always)]
 pub fn repulsion(
     position: Horizontal,
@@ -171,7 +172,7 @@ mod tests {
     fn the_swirl_turns_the_repulsion_by_a_right_angle_clockwise() {
         let gains = Gains { k_att: 0.0, k_rep: 1.0, influence_m: 1.0, swirl: 0.5 };
         let field = Field { gains };
-        // Repelled to the north: clockwise of that is east.
+        // The repulsion points north, so the swirl, clockwise from it, points east.
         let north = Horizontal { north: 1.0, east: 0.0 };
         let force = field.force(north, north, &[obstacle(0.0, 0.0, 0.5)]);
         assert!((force.north - 2.0).abs() < 1e-5 && (force.east - 1.0).abs() < 1e-5, "{force:?}");

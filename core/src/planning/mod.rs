@@ -1,5 +1,5 @@
-//! A trajectory from what is believed of the source and what is in the way, and where to look when nothing is heard. It may
-//! import `base`, `mapping` and `localize`.
+//! Plans a trajectory from the source's estimate and the known obstacles, and selects where to search when no signal is
+//! received. This module may import `base`, `mapping` and `localize`.
 
 pub mod explore;
 pub mod field;

@@ -1,19 +1,20 @@
-//! The whole system beside a real or a modelled autopilot, in real time: steps of 20 ms by the monotonic clock.
+//! The whole system as companion computer of a real or a modelled autopilot, in real time: steps of 20 ms by the
+//! monotonic clock.
 //!
 //! ```text
 //!  autopilot --bytes--> computer (in this process, or the firmware in QEMU) --bytes--> autopilot
-//!      `--telemetry--> senses --codes, obstacles--^
+//!      `--telemetry--> senses --samples, obstacles--^
 //! ```
 //!
-//! The beacon and the pillars are where the caller says, in the autopilot's local frame; what the vehicle would hear and
-//! see of them is synthesised from its telemetry. When the machine stalls, the steps that were missed are left out
-//! ([`Pace`]).
+//! The caller gives the positions of the beacon and the pillars in the autopilot's local frame; the signals and
+//! obstacles that the vehicle would measure are synthesised from its telemetry. When the machine stalls, the missed
+//! steps are skipped ([`Pace`]).
 //!
-//! The driver never commands the vehicle: it only ends the flight. Within [`ARRIVED_M`] of the beacon (where the computer has
-//! something to do when it arrives, once that is [done](Config::ends)), at a collision, at
-//! a hold for good, at the time limit or when it is stopped, it pauses the computer, waits until the stream of
-//! setpoints has been zero for [`QUIET_S`] and the vehicle is slow, and leaves. Where the computer does not obey, it sends
-//! the zeros itself. The last setpoint is zero, however the flight ends.
+//! The driver never steers the vehicle: it only ends the flight. It does so within [`ARRIVED_M`] of the beacon (if the
+//! computer has a task on arrival, once that is [done](Config::ends)), at a collision, at a permanent hold, at the time
+//! limit or when it is stopped. Then it pauses the computer, waits until the stream of setpoints has been zero for
+//! [`QUIET_S`] and the vehicle is slow, and returns. If the computer does not obey, the driver sends the zeros itself.
+//! The last setpoint is zero, however the flight ends.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant as WallInstant, SystemTime, UNIX_EPOCH};
@@ -53,30 +54,30 @@ use wire::Wire;
 
 /// Horizontal distance to the beacon that counts as arrival.
 pub const ARRIVED_M: f64 = 1.0;
-/// How long the stream of setpoints must have been zero at the end.
+/// Time for which the stream of setpoints must have been zero at the end.
 pub const QUIET_S: f32 = 0.5;
 
-/// It hovers and hands over, or lies on the ground, for so long before that is the end; and the autopilot is asked to land once a
-/// second, five times at most.
+/// Time from hand-over or touchdown to the end of the flight. With a request to land it is longer: the autopilot is
+/// asked once per second, five times at most.
 const HANDED_OVER_S: f32 = 1.0;
 const ASKED_S: f32 = 6.0;
 /// A vehicle slower than this is slow.
 const SLOW_MPS: f64 = 0.2;
-/// A vehicle that does not become slow is not waited for any longer.
+/// Largest time to wait for the vehicle to become slow.
 const BRAKE_MAX_S: f32 = 5.0;
-/// A pause is repeated that often until the stream is zero.
+/// Interval at which a pause is repeated until the stream is zero.
 const PAUSE_PERIOD_US: u64 = 200_000;
-/// A computer whose stream still moves after so long does not obey.
+/// Time after which a computer whose setpoints are still not zero counts as not obeying.
 const OBEYS_WITHIN_S: f32 = 0.5;
-/// From one zero of the driver to the next.
+/// Interval between the zero setpoints that the driver sends.
 const ZERO_PERIOD: Duration = Duration::from_millis(50);
-/// `ArduCopter` in software-in-the-loop turns no faster in GUIDED; what is asked for beyond is not flown, and the nose is not where
-/// the guard expects it.
+/// Largest yaw rate: `ArduCopter` in software-in-the-loop does not turn faster in GUIDED. With a higher demand the nose
+/// would not be where the guard expects it.
 const YAW_RATE_MAX_RADPS: f32 = 1.25;
-/// What rounding may add to a speed is taken off the limit.
+/// Factor on the speed limit, to allow for rounding.
 const ROUNDING: f32 = 1.0 - 1e-6;
 
-/// When a flight has come to its end at the beacon.
+/// When a flight ends at the beacon.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Ends {
     /// Within [`ARRIVED_M`] of it.
@@ -84,12 +85,13 @@ pub enum Ends {
     Near,
     /// When the computer has handed over or landed (`FH_LND_MODE`).
     HandedOver,
-    /// When it has asked the autopilot to land after that (`FH_LND_REQ`), and that has obeyed or been asked often enough.
+    /// When the computer has then asked the autopilot to land (`FH_LND_REQ`), and the autopilot has obeyed or been
+    /// asked five times.
     Landing,
 }
 
 impl Ends {
-    /// What the computer is set to do where it arrives.
+    /// The end that matches the computer's configured task on arrival.
     #[must_use]
     pub fn of(guidance: &guidance::Config) -> Self {
         match guidance.landing {
@@ -99,7 +101,7 @@ impl Ends {
         }
     }
 
-    /// How long the computer may go on after that.
+    /// Time for which the computer goes on after that.
     const fn after_s(self) -> f32 {
         match self {
             Self::Near => 0.0,
@@ -109,7 +111,7 @@ impl Ends {
     }
 }
 
-/// What is flown.
+/// Configuration of the flight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
     /// The beacon, in the autopilot's local frame.
@@ -120,21 +122,21 @@ pub struct Config {
     pub obstacles: Provider,
     /// Horizontal speed of the fastest setpoint.
     pub v_max_mps: f64,
-    /// What ends the flight at the beacon.
+    /// When the flight ends at the beacon.
     pub ends: Ends,
     /// Radius of the vehicle.
     pub drone_radius_m: f64,
     /// Signal-to-noise ratio per sample of the antenna waveforms.
     pub snr_db: f64,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
     /// Which planner.
     pub planner: planner::Config,
     /// Which estimator.
     pub estimator: Estimator,
-    /// When the flight is given up.
+    /// Time limit of the flight.
     pub max_time_s: Option<f64>,
-    /// The key with which everybody on the link signs. The computer is given it by the caller.
+    /// The key with which all systems on the link sign. The caller must give it to the computer, too.
     pub key: Option<Key>,
 }
 
@@ -173,7 +175,7 @@ impl Config {
         }
     }
 
-    /// What is flown, with a map that holds it; where it starts is known when the autopilot says so.
+    /// The mission, with a map large enough for it; the start is known when the autopilot reports it.
     #[must_use]
     pub fn mission(&self) -> Mission {
         let mut scenario = self.scenario();
@@ -195,7 +197,7 @@ impl Config {
         config
     }
 
-    /// What of the speed that was asked for is not flown: a plan is followed at that speed at most.
+    /// The largest speed at which a plan is followed, if that is less than the requested one.
     #[must_use]
     pub fn slower_than_asked_mps(&self) -> Option<f64> {
         let fastest_mps = f64::from(self.mission().guidance().track.fastest_mps());
@@ -209,37 +211,37 @@ pub trait Bearings {
     fn poll(&mut self, now: Instant) -> Option<Bearing>;
 }
 
-/// How things stand, once a step.
+/// The state of the flight, given once per step.
 #[derive(Clone, Copy, Debug)]
 pub struct News {
-    /// Since the start.
+    /// Time since the start.
     pub time_s: f64,
-    /// Whether there is a line to the autopilot.
+    /// Whether the line to the autopilot is open.
     pub is_open: bool,
-    /// The autopilot, once it was heard.
+    /// The autopilot, once it has been received.
     pub autopilot: Option<Autopilot>,
-    /// Frames came that were not signed with the key.
+    /// Frames were received that were not signed with the key.
     pub is_disbelieved: bool,
-    /// MAVLink 1 is heard, which is not understood unless `FH_V1` is 1.
+    /// MAVLink 1 was received, which is not accepted unless `FH_V1` is 1.
     pub hears_mavlink_1: bool,
-    /// What the step came to.
+    /// The step's outcome.
     pub outcome: Outcome,
     /// Who provides the obstacles.
     pub eyes: Eyes,
-    /// Horizontal distance to the beacon, while the autopilot says where it is.
+    /// Horizontal distance to the beacon, while the autopilot reports the vehicle's position.
     pub distance_m: Option<f64>,
-    /// The flight is being ended, and how.
+    /// How the flight is being ended, if it is.
     pub ending: Option<Ending>,
 }
 
-/// What came of it.
+/// Result of the flight.
 #[derive(Clone, Debug)]
 pub struct Flown {
     /// The object that is printed.
     pub report: Report,
-    /// What broke on the way.
+    /// Errors during the flight.
     pub complaints: Vec<String>,
-    /// Steps that were left out because the machine was busy.
+    /// Number of steps skipped because the machine was busy.
     pub missed_steps: u32,
 }
 
@@ -247,7 +249,7 @@ pub struct Flown {
 pub fn wait_for_line(line: &mut Line, stop: &AtomicBool, limit_s: Option<f64>) -> bool {
     let begin = WallInstant::now();
     while !line.is_open() {
-        // Whoever calls first may be heard before he can be answered.
+        // A peer may send before it can be answered: read anyway.
         line.read();
         if stop.load(Ordering::Relaxed) || limit_s.is_some_and(|limit_s| begin.elapsed().as_secs_f64() > limit_s) {
             return false;
@@ -257,7 +259,7 @@ pub fn wait_for_line(line: &mut Line, stop: &AtomicBool, limit_s: Option<f64>) -
     true
 }
 
-/// The report of a flight that never began, because no peer was at the other end.
+/// The report of a flight that never began because no peer was at the other end.
 #[must_use]
 pub fn nobody_there(config: &Config) -> Report {
     let eyes = provider::Chooser::new(&config.obstacles).eyes();
@@ -269,9 +271,9 @@ pub fn nobody_there(config: &Config) -> Report {
     )
 }
 
-/// Flies with a computer until the flight has an end; `stop` ends it at any time. `watch` is called with the state, and, while
-/// the autopilot says where it is, shown the step as if that were the truth. With `bearings` these are flown by, and nothing is
-/// heard of the beacon by the antennas that are simulated.
+/// Flies with a computer until the flight ends; `stop` ends it at any time. `watch` is called with the state and, while
+/// the autopilot reports the vehicle's position, with the step, in which that position stands for the true one. With
+/// `bearings` it flies by these, and the simulated antennas receive nothing of the beacon.
 ///
 /// # Errors
 /// The field of the link's configuration that is refused.
@@ -320,12 +322,12 @@ struct Flight<'a, 'b> {
     /// Wall time at the start.
     started_us: u64,
     complaints: Vec<String>,
-    /// What the pilot was last told about the obstacles, since the vehicle is ours.
+    /// The last message to the pilot about the source of obstacles, since the computer got control.
     told: Option<Eyes>,
     arrival: Arrival,
 }
 
-/// Since when the computer has done what it does where it arrives.
+/// Whether, and since when, the computer has finished its task on arrival.
 #[derive(Clone, Copy, Debug)]
 struct Arrival {
     ends: Ends,
@@ -336,7 +338,7 @@ impl Arrival {
     fn step(&mut self, now: Instant, outcome: Outcome) {
         match outcome {
             Outcome::HandedOver | Outcome::Landed => _ = self.since.get_or_insert(now),
-            // The autopilot was asked to land and does, or the pilot took over.
+            // The autopilot was asked to land and is landing, or the pilot took over.
             Outcome::NotInControl => {}
             _ => self.since = None,
         }
@@ -347,7 +349,7 @@ impl Arrival {
     }
 }
 
-/// What the pilot is told when the flight is being ended.
+/// The message to the pilot when the flight is being ended.
 const fn parting(ending: Ending) -> &'static str {
     match ending {
         Ending::Reached => "Foxhound: reached the beacon, take over",
@@ -403,7 +405,8 @@ impl Flight<'_, '_> {
                 Ok(report) => report,
                 Err(complaint) => {
                     self.stand(pace);
-                    // Who is told to stop from a terminal may have been told together with what he needs.
+                    // A stop from the terminal may have stopped the computer's process, too: then its error is not
+                    // reported.
                     if !stop.load(Ordering::Relaxed) {
                         self.complaints.push(complaint);
                     }
@@ -485,7 +488,7 @@ impl Flight<'_, '_> {
         Some(Brake { ending, reason, since: now, pause_due: now })
     }
 
-    /// Tells the pilot who provides the obstacles, at every entry into the mode and when that changes.
+    /// Reports to the pilot who provides the obstacles, at every entry into the mode and when that changes.
     fn tell_eyes(&mut self, computer: &mut dyn Computer, now: Instant, in_control: bool) {
         let eyes = self.senses.eyes();
         self.told = self.told.filter(|_| in_control);
@@ -496,7 +499,7 @@ impl Flight<'_, '_> {
         }
     }
 
-    /// Tells the pilot something, by the computer, or in its place where it cannot be made to.
+    /// Sends the pilot a text through the computer, or in its name if the computer cannot be made to send it.
     fn tell(&mut self, computer: &mut dyn Computer, now: Instant, autopilot: &Autopilot, text: &'static str) {
         if !computer.tell(text) {
             let text = self.wire.text(now, autopilot, text);
@@ -537,7 +540,7 @@ impl Flight<'_, '_> {
         Ok(report)
     }
 
-    /// Brings the vehicle to a stand without a computer.
+    /// Stops the vehicle without a computer.
     fn stand(&mut self, pace: &Pace) {
         let mut beat = pace.with_period(ZERO_PERIOD);
         let begin = beat.wait();
@@ -556,7 +559,7 @@ impl Flight<'_, '_> {
         }
     }
 
-    /// A log that cannot be written is given up; the flight is not.
+    /// Records bytes in the log. If the log cannot be written, it is given up, but not the flight.
     fn note(&mut self, now: Instant, direction: tlog::Direction, bytes: &[u8]) {
         if let Some(log) = self.log.as_deref_mut()
             && let Err(error) = log.bytes(self.started_us + now.0, direction, bytes)

@@ -1,11 +1,13 @@
 //! The temporary target: a point at a fixed distance on the source's bearing (main paper, section III-A and IV: 2 m).
 //!
-//! A beacon mostly lies below the vehicle, and a tilting array then mishears its azimuth. How far below is learned from the
-//! wavenumber, whose square is one minus that of the direction's vertical part, in moments when the array is not tilted
-//! towards the source. (A flat array cannot tell below from above; above is not expected.)
+//! A beacon usually lies below the vehicle, and a tilted array then measures a wrong azimuth. The depression angle is
+//! estimated from the wavenumber, whose square is one minus the square of the direction's vertical component, while the
+//! array is not tilted towards the source. (A flat array cannot distinguish below from above; a source above is not
+//! expected.)
 //!
-//! Bearings are averaged as unit vectors in the NED frame, each with the weight of its precision, over a memory that is as
-//! long as they are noisy: a tenth of a second for good ones, a second or two for bearings of 10 or 20 degrees.
+//! Bearings are averaged as unit vectors in the NED frame, weighted by their precision. The noisier they are, the
+//! longer the memory of the average: a tenth of a second for good ones, a second or two for bearings of 10 or 20
+//! degrees.
 
 use heapless::Vec;
 
@@ -20,25 +22,26 @@ use crate::localize::source::Sighting;
 
 pub mod posterior;
 
-/// Sightings that wait for the planner; the oldest gives way.
+/// Number of sightings kept for the planner; a new one replaces the oldest.
 pub const SIGHTINGS_MAX: usize = 16;
 
-/// The array counts as level towards the source when the horizon there is this near to its plane.
+/// The array counts as level towards the source when the angle between its plane and the horizon there is less than
+/// this.
 const LEVEL_RAD: f32 = 0.03;
-/// Memory of the depression.
+/// Averaging time of the depression.
 const DEPRESSION_MEMORY_S: f32 = 1.0;
 
-/// What the goal needs to know.
+/// Configuration of the goal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
     /// Distance of the temporary target.
     pub target_distance_m: f32,
-    /// Memory of perfect bearings.
+    /// Averaging time of perfect bearings.
     pub memory_min_s: f32,
-    /// Memory added per radian of the bearings' sigma.
+    /// Averaging time added per radian of the bearings' sigma.
     pub memory_s_per_rad: f32,
-    /// Where the source is, if somebody knows. Bearings are still needed: they say that it can be heard.
+    /// Position of the source, if it is known beforehand. Bearings are still needed: they show that it is received.
     pub known_source_ned_m: Option<Horizontal>,
 }
 
@@ -76,7 +79,7 @@ pub struct Seeker {
 pub struct State {
     sum: Horizontal,
     updated: Option<Instant>,
-    /// Weighted sum of the squared vertical part of the direction, and of the weights.
+    /// Weighted sum of the squared vertical component of the direction, and sum of the weights.
     sunk: f32,
     sunk_weight: f32,
     sightings: Vec<Sighting, SIGHTINGS_MAX>,
@@ -89,30 +92,30 @@ impl State {
         self.updated.map(|_| self.sum.bearing_rad())
     }
 
-    /// How far the source lies below the horizon.
+    /// Angle by which the source lies below the horizon.
     #[must_use]
     pub fn depression_rad(&self) -> f32 {
         let squared = if self.sunk_weight > 0.0 { self.sunk / self.sunk_weight } else { 0.0 };
         asin(sqrt(squared.clamp(0.0, 1.0)))
     }
 
-    /// The unit vector towards the source, averaged; `None` before the first valid bearing.
+    /// The averaged unit vector towards the source; `None` before the first valid bearing.
     #[must_use]
     pub fn source_direction_ned(&self) -> Option<Horizontal> {
         let norm = self.sum.norm();
         self.updated.filter(|_| norm > 0.0).map(|_| self.sum.times(1.0 / norm))
     }
 
-    /// A sighting for the planner.
+    /// Stores a sighting for the planner.
     pub fn push_sighting(&mut self, sighting: Sighting) {
         if self.sightings.is_full() {
             self.sightings.remove(0);
         }
-        // Cannot fail: there is room now.
+        // Cannot fail: there is space now.
         let _ = self.sightings.push(sighting);
     }
 
-    /// The sightings since the last call: what the planner has not heard of yet.
+    /// The sightings since the last call, which the planner has not got yet.
     pub fn take_sightings(&mut self) -> Vec<Sighting, SIGHTINGS_MAX> {
         core::mem::take(&mut self.sightings)
     }
@@ -125,7 +128,7 @@ impl State {
 }
 
 impl Seeker {
-    /// Takes in a valid bearing and returns where it points, from north, clockwise.
+    /// Processes a valid bearing and returns its direction, from north, clockwise.
     pub fn observe(&self, state: &mut State, bearing: &Bearing, ownship: &Ownship) -> f32 {
         let at = bearing.time;
         let bearing_ned_rad = ownship.bearing_ned_rad(bearing.azimuth_rad, state.depression_rad(), at);
@@ -147,7 +150,7 @@ impl Seeker {
             Some(updated) => {
                 let memory_s = self.config.memory_min_s + self.config.memory_s_per_rad * sigma_rad;
                 let age = at.seconds_since(updated) / if memory_s > 1e-3 { memory_s } else { 1e-3 };
-                // exp(-age), by the first terms of its series: exact enough for a weight.
+                // exp(-age), by the first terms of its series: accurate enough for a weight.
                 1.0 / (1.0 + age + 0.5 * age * age)
             }
         };

@@ -1,48 +1,48 @@
-//! Where the source may be: particles behind the bearings.
+//! Where the source may be: particles weighted by the bearings.
 //!
-//! A bearing says nothing about range, and a range from the intersection of two is worth little while they are nearly
-//! parallel. So the whole posterior is kept, as 256 weighted places. The first bearing spreads them along its line, evenly
-//! in the logarithm of the range; every sighting since weighs them by
+//! A bearing contains no range, and the intersection of two nearly parallel bearings gives a poor one. So the whole
+//! posterior is kept, as 256 weighted particles (positions). The first bearing spreads them along its line, evenly in
+//! the logarithm of the range; every later sighting updates their weights by
 //!
 //! ```text
-//!     log w -= rho / 2,   rho = x^2 / (1 + x^2 / c),   x = angle between sighting and place / sigma
+//!     log w -= rho / 2,   rho = x^2 / (1 + x^2 / c),   x = angle between sighting and particle / sigma
 //! ```
 //!
-//! (Geman and `McClure` 1985): a sighting that is far off costs no more than `c / 2`, whatever it says. When few places
-//! carry the weight they are drawn anew in proportion to it and spread by a part of their own covariance (regularised
-//! particle filter, Musso, Oudjane and Le Gland 2001), so that they become as fine as what is known. Sightings that
-//! contradict all places bring in fresh ones.
+//! (Geman and `McClure` 1985): an outlier costs at most `c / 2`, however far off it is. When few particles carry most
+//! of the weight, all are resampled in proportion to it and spread by a part of their own covariance (regularised
+//! particle filter, Musso, Oudjane and Le Gland 2001), so that their spacing shrinks with the uncertainty. Sightings
+//! that contradict all particles add new ones.
 
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::rng::Rng;
 use crate::localize::source::Sighting;
 
-/// Places that are weighed.
+/// Number of particles.
 pub const PARTICLES: usize = 256;
-/// Nearest and farthest range that the first bearing may mean.
+/// Nearest and farthest range of a particle after the first bearing.
 const RANGE_MIN_M: f32 = 0.5;
 const RANGE_MAX_M: f32 = 60.0;
-/// A vehicle farther from its origin than this is not believed.
+/// A vehicle position farther from the origin than this is refused.
 const FAR_M: f32 = 1e5;
-/// Sightings are never believed to be better than this: their errors are not independent.
+/// Lower limit of a sighting's standard deviation: the errors of sightings are not independent.
 const SIGMA_FLOOR_RAD: f32 = 0.02;
-/// `c` of the weighing.
+/// `c` of the weight update.
 const OUTLIER_COST: f32 = 9.0;
-/// Share of the weight that is taken back every second, for a source that moves.
+/// Share of the log-weight that is forgotten per second, for a source that moves.
 const FORGET_PER_S: f32 = 0.03;
-/// Standard deviation of the spread at a resampling, as a part of the places' own.
+/// Standard deviation of the spread at a resampling, as a share of the particles' own.
 const BANDWIDTH: f32 = 0.2;
 /// `sqrt(1 - BANDWIDTH^2)`.
 const SHRINK: f32 = 0.979_796;
 /// Least spread at a resampling.
 const SPREAD_MIN_M: f32 = 0.02;
-/// Mean `rho` of the sightings above which the places are not believed any more.
+/// Mean `rho` of the sightings above which the particles are considered wrong.
 const CONTRADICTION: f32 = 4.5;
 /// Memory of that mean, in sightings.
 const CONTRADICTION_MEMORY: f32 = 8.0;
 
-/// The weighted places.
+/// The weighted particles.
 #[derive(Clone, Debug)]
 pub struct Posterior {
     places: [Horizontal; PARTICLES],
@@ -53,12 +53,12 @@ pub struct Posterior {
     contradiction: f32,
 }
 
-/// What the posterior comes to.
+/// Mean and spread of the posterior.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Estimate {
-    /// Mean place.
+    /// Mean position.
     pub place_ned_m: Horizontal,
     /// Square root of the larger eigenvalue of the covariance.
     pub sigma_m: f32,
@@ -71,7 +71,7 @@ impl Default for Posterior {
 }
 
 impl Posterior {
-    /// Nothing is known.
+    /// No sighting yet.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -83,18 +83,18 @@ impl Posterior {
         }
     }
 
-    /// Whether anything is known.
+    /// Whether there has been a sighting.
     #[must_use]
     pub fn is_started(&self) -> bool {
         self.started
     }
 
-    /// The places and their weights, which sum to one.
+    /// The particles' positions and their weights, which sum to one.
     pub fn particles(&self) -> impl Iterator<Item = (Horizontal, f32)> {
         self.places.iter().copied().zip(self.weights.iter().copied())
     }
 
-    /// Takes in sightings, the oldest first.
+    /// Processes sightings, the oldest first.
     pub fn observe(&mut self, sightings: &[Sighting], rng: &mut Rng) {
         for sighting in sightings {
             self.take(sighting, rng);
@@ -133,7 +133,7 @@ impl Posterior {
             let to = place.minus(sighting.place_ned_m);
             let along = to.dot(direction);
             let across = to.north * direction.east - to.east * direction.north;
-            // The tangent stands for the angle: what is far off is an outlier either way.
+            // The tangent in place of the angle: where they differ much, the sighting is an outlier either way.
             let rho = if along > 0.0 {
                 let squared = across * across;
                 squared / (variance * along * along + squared * (1.0 / OUTLIER_COST))
@@ -165,7 +165,8 @@ impl Posterior {
         sum * sum / squares
     }
 
-    /// Draws the places anew in proportion to their weights (systematic resampling), spread by a part of their covariance.
+    /// Resamples the particles in proportion to their weights (systematic resampling), spread by a part of their
+    /// covariance.
     fn resample(&mut self, rng: &mut Rng) {
         let (mean, [[nn, ne], [_, ee]]) = self.moments();
         // Cholesky factor of the covariance.
@@ -187,14 +188,14 @@ impl Posterior {
             let (a, b) = (rng.bell(), rng.bell());
             let spread = Horizontal { north: north * a, east: cross * a + east * b }.times(BANDWIDTH);
             let least = Horizontal { north: b, east: -a }.times(SPREAD_MIN_M);
-            // Drawn together by as much as the spread adds: the covariance stays what it was (Liu and West 2001).
+            // Contracted by as much as the spread adds, so that the covariance is unchanged (Liu and West 2001).
             *place = mean.plus(old[source].minus(mean).times(SHRINK)).plus(spread).plus(least);
         }
         self.log_weights = [0.0; PARTICLES];
         self.weights = [step; PARTICLES];
     }
 
-    /// Every other place is drawn afresh along a sighting that contradicts them.
+    /// Replaces every second particle by a new one along a sighting that contradicts them.
     fn refresh(&mut self, sighting: &Sighting, rng: &mut Rng) {
         self.contradiction = 0.0;
         for index in (0..PARTICLES).step_by(2) {
@@ -232,7 +233,7 @@ impl Posterior {
     }
 }
 
-/// A place along a sighting; the ranges of all of them are spread evenly in their logarithm.
+/// A particle along a sighting; the ranges of all particles are spread evenly in their logarithm.
 fn along(sighting: &Sighting, index: usize, rng: &mut Rng) -> Horizontal {
     let share = (index as f32 + 0.5) / PARTICLES as f32;
     let range_m = RANGE_MIN_M * libm::expf(share * libm::logf(RANGE_MAX_M / RANGE_MIN_M));
@@ -242,7 +243,7 @@ fn along(sighting: &Sighting, index: usize, rng: &mut Rng) -> Horizontal {
     sighting.place_ned_m.plus(direction.times(range_m)).plus(side.times(off))
 }
 
-/// Variance of a sighting's direction, as far as it is believed.
+/// Variance of a sighting's direction, with its lower limit.
 fn variance(sighting: &Sighting) -> f32 {
     sighting.sigma_rad * sighting.sigma_rad + SIGMA_FLOOR_RAD * SIGMA_FLOOR_RAD
 }

@@ -1,9 +1,9 @@
-//! The features: what the last looks have in common, and in what they differ.
+//! The features: numbers that describe the last observations (looks) and how they differ.
 //!
-//! One source at rest, at the range `1 / rho` in the direction `e0` from the last look, is seen from the displacement `d_i`
-//! in the direction `e_i` with `e_i x (e0 - rho d_i) = 0`. With `e0 = e + delta n`, `e` the mean direction and `n` across it,
-//! that is linear in `delta` and `rho`: two normal equations, with a weak prior of the range. What is left over is how much
-//! the bearing wanders beyond what motion explains.
+//! One source at rest, at the range `1 / rho` in the direction `e0` from the last observation, is seen from the
+//! displacement `d_i` in the direction `e_i` with `e_i x (e0 - rho d_i) = 0`. With `e0 = e + delta n`, `e` the mean
+//! direction and `n` across it, that is linear in `delta` and `rho`: two normal equations, with a weak prior of the
+//! range. The residuals show how much the bearing varies beyond what motion explains.
 
 use super::{Estimate, Features, LOOKS_MIN, Sightline};
 use crate::base::math::sqrt;
@@ -12,14 +12,15 @@ use crate::base::time::Instant;
 use crate::base::units::between;
 use crate::doa::bearing::Flags;
 
-/// Looks that are kept.
+/// Number of observations that are kept.
 pub const WINDOW: usize = 24;
-/// Distance from look to look: a quarter of the wavelength at 868 MHz, so that the fringes of two waves are seen.
+/// Distance between observations: a quarter of the wavelength at 868 MHz, so that the fringes of two waves are
+/// resolved.
 pub const SPACING_M: f32 = 0.08;
-/// A vehicle that hovers still looks that often.
+/// Time after which a hovering vehicle keeps an observation, too.
 const PAUSE_S: f32 = 0.2;
 
-/// Numbers that the classifier sees.
+/// Number of features, the classifier's inputs.
 pub const FEATURES: usize = 15;
 /// Their names, in order.
 pub const NAMES: [&str; FEATURES] = [
@@ -40,27 +41,27 @@ pub const NAMES: [&str; FEATURES] = [
     "wall_inverse_range",
 ];
 
-/// Level of a look without a tone.
+/// Level of an observation without a tone.
 const SILENT_DB: f32 = -20.0;
-/// Looks over which what the array itself says is averaged.
+/// Number of observations over which the array's own quality values are averaged.
 const MEMORY: f32 = 12.0;
-/// No bearing is weighted as better than this.
+/// Smallest standard deviation of a bearing in the weights.
 const SIGMA_MIN_RAD: f32 = 0.01;
 /// Prior of the inverse range, and the inverse of its variance.
 const PRIOR_PER_M: f32 = 0.08;
 /// See `PRIOR_PER_M`.
 const PRIOR_PRECISION_M2: f32 = 1.0 / (0.12 * 0.12);
-/// How well a wall's place and the own one are known, in inverse range.
+/// Standard deviation of a wall's range, from its own and the vehicle's position, as inverse range.
 const WALL_SIGMA_PER_M: f32 = 0.02;
-/// Places farther than this from the origin are no places.
+/// Positions farther than this from the origin are refused.
 const FAR_M: f32 = 1e6;
 
-/// A look as it is kept.
+/// An observation as it is kept.
 #[derive(Clone, Copy, Debug)]
 struct Kept {
     place_ned_m: Horizontal,
     direction_ned: Horizontal,
-    /// Of the direction; 0 when there is none.
+    /// Weight of the direction; 0 when there is none.
     weight: f32,
     level_db: f32,
 }
@@ -74,18 +75,18 @@ impl Kept {
     };
 }
 
-/// The looks so far, and what they told.
+/// The last observations, and the estimate.
 #[derive(Clone, Debug)]
 pub struct State {
     looks: [Kept; WINDOW],
-    /// Where the next one goes.
+    /// Index for the next one.
     next: u8,
     count: u8,
-    /// When the last one was taken.
+    /// Time of the last one.
     time: Instant,
     /// Means of closure, coherence, wavenumber and multipath flags.
     array: [f32; 4],
-    /// How many looks these means have seen.
+    /// Number of observations in these means.
     heard: f32,
     sightline: Sightline,
     pub(super) estimate: Estimate,
@@ -97,17 +98,17 @@ impl Default for State {
     }
 }
 
-/// The source at rest that explains the bearings best.
+/// The source at rest that fits the bearings best.
 struct Fit {
     jitter_rad: f32,
-    /// Squared residuals over their variance, mean.
+    /// Mean of the squared residuals over their variance.
     misfit: f32,
     inverse_range_per_m: f32,
     inverse_range_sigma_per_m: f32,
 }
 
 impl State {
-    /// Nothing has been heard.
+    /// No observation yet.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -122,13 +123,13 @@ impl State {
         }
     }
 
-    /// Looks that are kept.
+    /// Number of observations that are kept.
     #[must_use]
     pub fn count(&self) -> usize {
         usize::from(self.count)
     }
 
-    /// Keeps a look, if it is far enough from the last one, in space or in time.
+    /// Keeps an observation, if it is far enough from the last one, in space or in time.
     pub(super) fn take(&mut self, look: &Features<'_>) -> bool {
         let here = look.place_ned_m;
         if !(here.norm_squared() < FAR_M * FAR_M) {
@@ -137,7 +138,7 @@ impl State {
         let bearing = look.bearing;
         if let Some(last) = self.kept().next() {
             let moved = here.minus(last.place_ned_m).norm_squared();
-            // A clock that ran backwards counts as a pause.
+            // A clock that went back counts as a pause.
             let paused = bearing.time < self.time || bearing.time.seconds_since(self.time) >= PAUSE_S;
             if moved < SPACING_M * SPACING_M && !paused {
                 return false;
@@ -178,14 +179,14 @@ impl State {
         true
     }
 
-    /// The looks, the newest first.
+    /// The observations, the newest first.
     fn kept(&self) -> impl Iterator<Item = &Kept> {
         let (new, old) = self.looks.split_at_checked(usize::from(self.next)).unwrap_or((&self.looks, &[]));
         let old = if self.count() < WINDOW { &[] } else { old };
         new.iter().rev().chain(old.iter().rev())
     }
 
-    /// What the looks have in common; `None` while there are fewer than [`LOOKS_MIN`].
+    /// The features of the observations; `None` while there are fewer than [`LOOKS_MIN`].
     #[must_use]
     pub fn features(&self) -> Option<[f32; FEATURES]> {
         let last = self.kept().next()?;
@@ -231,7 +232,8 @@ impl State {
         ])
     }
 
-    /// Level, its slope towards the source, what is left of it beside that slope (root mean square), share of silent looks.
+    /// Level, its slope towards the source, its residual around that slope (root mean square), share of silent
+    /// observations.
     fn levels(&self, here: Horizontal, along: Horizontal) -> [f32; 4] {
         let (mut n, mut x, mut y, mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         for look in self.kept().filter(|look| look.level_db > SILENT_DB) {
@@ -249,7 +251,7 @@ impl State {
         }
         let (mean_x, mean_y) = (x / n, y / n);
         let (sxx, sxy, syy) = (xx / n - mean_x * mean_x, xy / n - mean_x * mean_y, yy / n - mean_y * mean_y);
-        // Motion of a quarter of a metre is what a slope needs.
+        // A slope needs motion of about a quarter of a metre.
         let slope = sxy / (between(sxx, 0.0, 1e6) + 0.06);
         let rest = syy - 2.0 * slope * sxy + slope * slope * sxx;
         let silent_share = 1.0 - n / f32::from(self.count);
@@ -269,7 +271,7 @@ impl State {
         };
         for look in self.kept().filter(|look| look.weight > 0.0) {
             let (a, b, y) = row(look);
-            // Bearings to the other side do not take part.
+            // Bearings to the other side are not used.
             if a > 0.0 {
                 aa += look.weight * a * a;
                 ab += look.weight * a * b;
@@ -279,7 +281,7 @@ impl State {
             }
         }
         let determinant = aa * bb - ab * ab;
-        // Positive but for rounding; else the direction alone is found.
+        // Positive except for rounding; otherwise only the direction is fitted.
         let (delta, rho, variance) = if determinant > 1e-5 * aa * bb {
             ((ay * bb - by * ab) / determinant, (by * aa - ay * ab) / determinant, aa / determinant)
         } else {

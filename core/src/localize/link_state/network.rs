@@ -1,5 +1,5 @@
-//! The network: one hidden layer of rectifiers, then a softmax. The standardisation of the features is in the first layer's
-//! weights.
+//! The network: one hidden layer of rectifiers, then a softmax. The standardisation of the features is in the first
+//! layer's weights.
 
 use super::features::FEATURES;
 use crate::base::units::between;
@@ -8,24 +8,24 @@ use crate::base::units::between;
 pub const CLASSES: usize = 4;
 /// Neurons of the hidden layer.
 pub const HIDDEN: usize = 12;
-/// No score is larger.
+/// Upper limit of a score.
 const SCORE_MAX: f32 = 1e6;
 
-/// What the training finds.
+/// The trained parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Weights {
-    /// Of each hidden neuron: one weight a feature.
+    /// Weights of each hidden neuron, one per feature.
     pub hidden: [[f32; FEATURES]; HIDDEN],
-    /// What is added.
+    /// Bias.
     pub hidden_bias: [f32; HIDDEN],
-    /// Of each class: one weight a hidden neuron.
+    /// Weights of each class, one per hidden neuron.
     pub output: [[f32; HIDDEN]; CLASSES],
-    /// What is added.
+    /// Bias.
     pub output_bias: [f32; CLASSES],
 }
 
 impl Weights {
-    /// Probability of each class; equal where the scores are no numbers.
+    /// Probability of each class; equal if the scores are not finite.
     pub(super) fn probabilities(&self, features: &[f32; FEATURES]) -> [f32; CLASSES] {
         let mut hidden = [0.0; HIDDEN];
         for ((out, row), bias) in hidden.iter_mut().zip(&self.hidden).zip(self.hidden_bias) {
@@ -43,7 +43,7 @@ impl Weights {
             *score = libm::expf(*score - most);
             sum += *score;
         }
-        // The largest is exp(0) = 1, so this fails only for what is no number.
+        // The largest is exp(0) = 1, so this fails only for NaN.
         if !(sum >= 1.0) {
             return [1.0 / CLASSES as f32; CLASSES];
         }

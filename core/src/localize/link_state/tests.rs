@@ -48,7 +48,7 @@ fn named(features: &[f32; FEATURES], name: &str) -> f32 {
 #[test]
 fn the_range_of_a_source_that_is_passed_and_how_the_bearing_wanders_are_found() {
     let features = passage(0.0, 0.0, Sightline::Unknown).0.features().unwrap();
-    // The last look is 5.02 m away.
+    // The last observation is 5.02 m away.
     assert!((named(&features, "inverse_range") - 0.199).abs() < 0.01, "{features:?}");
     assert!(named(&features, "jitter") < libm::logf(0.006), "{features:?}");
     let wandering = passage(0.0, 0.1, Sightline::Unknown).0.features().unwrap();
@@ -78,7 +78,7 @@ fn the_slope_of_the_level_is_that_of_the_distance() {
         let _ = Classifier::TRAINED.step(&mut state, &look);
         last = state.features();
     }
-    // 20 lg falls by 8.686 dB over a range: at 8.85 m, in the middle, 0.98 dB/m, drawn to zero by a tenth.
+    // 20 lg falls by 8.686 dB over a range: at 8.85 m, in the middle, 0.98 dB/m, reduced by a tenth.
     let slope = named(&last.unwrap(), "slope_db_per_m");
     assert!((0.85..1.0).contains(&slope), "{slope}");
     assert!(named(&last.unwrap(), "fading_db") < 0.2);

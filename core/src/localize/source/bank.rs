@@ -1,58 +1,59 @@
 //! A bank of filters, each with its own hypothesis of where the source is, after section IV of the mmWave paper.
 //!
-//! A sighting can mean two things: the source lies on its ray, or the ray was reflected by the nearest line that it meets.
-//! What a reflection says of the source is what the vehicle's mirror image would see directly ([`Wall::mirror`]), so each
-//! filter tries a sighting both ways and keeps the one that it finds likelier, given how likely the link is to be reflected
-//! at all. The paper has one filter for each line and switches between them; a filter of ours stays what it is when the
-//! vehicle turns the corner and the same source is suddenly seen directly: it is then the one that had expected that, and
-//! the filter that took the mirror image for the source is not.
+//! A sighting has two possible paths: the source lies on its ray, or the ray was reflected by the nearest line that it
+//! meets. A reflected sighting equals what the vehicle's mirror image would see directly ([`Wall::mirror`]). So each
+//! filter tries both paths for a sighting and keeps the likelier one, given the probability that the link is reflected.
+//! The paper has one filter for each line and switches between them. Here a filter goes on when the vehicle turns the
+//! corner and the same source is suddenly seen directly: the filter with the true source predicts this sighting, the
+//! filter that took the mirror image for the source does not.
 //!
-//! - A new filter begins where a reflected link's ray meets a line that no filter uses, as the mirror image of the leading
-//!   one; and afresh when nothing explains what is heard.
-//! - Weights are likelihoods with a memory. Filters that have become unlikely, or agree with a likelier one, are dropped;
-//!   there are never more than [`FILTERS`].
-//! - The leading filter says whether it is time to learn or to go: [`Mode`], by the mean of its innovations' Mahalanobis
-//!   distance (the paper's switch) and by what it knows of the range.
+//! - A new filter is started, as the mirror image of the leading one, when a reflected link's ray meets a line that no
+//!   filter uses. A filter without history is started when no filter explains the sightings.
+//! - Weights are likelihoods with a limited memory. Filters that have become unlikely, or agree with a likelier one,
+//!   are dropped; there are at most [`FILTERS`].
+//! - The leading filter selects the [`Mode`], to learn or to go, from the mean of its innovations' Mahalanobis distance
+//!   (the paper's switch) and from the uncertainty of its range.
 
 use super::polar::{self, Resting};
 use super::{Estimate, Sighting, Update};
 use crate::base::error::{ConfigError, check};
 use crate::mapping::walls::Wall;
 
-/// Filters at most.
+/// Largest number of filters.
 pub const FILTERS: usize = 4;
-/// Logarithm of a weight that says that it is over.
+/// A filter whose log-weight is below this is dropped.
 const OVER: f32 = -12.0;
-/// Logarithm of the weight that a newcomer begins with.
+/// Log-weight that a new filter starts with, relative to the leading one.
 const NEWCOMER: f32 = -2.0;
-/// Sightings in a row that nothing explains, before a filter begins afresh.
+/// Number of sightings in a row that no filter explains, after which a filter without history is started.
 const UNEXPLAINED_MAX: u8 = 5;
-/// A sighting is explained when it is likelier not to be an outlier.
+/// A sighting is explained when the probability that it is not an outlier is greater than this.
 const EXPLAINED: f32 = 0.5;
-/// Logarithm of the likelihood of a sighting that a hypothesis has no path for.
+/// Log-likelihood of a sighting for which a hypothesis has no path.
 const NOTHING: f32 = -5.0;
-/// Range sigma over range up to which a hypothesis can tell what is seen from the vehicle's mirror image, and back.
+/// Largest range sigma over range at which a hypothesis can predict the bearing from the vehicle's mirror image, and
+/// back.
 const SWITCH_MAX: f32 = 0.1;
 /// Memory of the mean innovation, in sightings.
 const INNOVATION_MEMORY: f32 = 10.0;
 
-/// What the bank needs to know.
+/// Configuration of the bank.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
     /// The filters.
     pub polar: polar::Config,
-    /// How far beyond its known end a line may reflect.
+    /// Distance beyond its known end within which a line may reflect.
     pub slack_m: f32,
-    /// A source that is seen directly and lies behind a line is so much less likely.
+    /// Factor on the likelihood of a source that is seen directly although it lies behind a line.
     pub through: f32,
-    /// A reflected link is looked into when it is at least so likely.
+    /// Probability of a reflected link from which on a filter for it is started.
     pub reflected_min: f32,
-    /// Share of the logarithms of the weights that is kept from sighting to sighting.
+    /// Share of a log-weight that is kept from sighting to sighting.
     pub memory: f32,
-    /// Mean squared Mahalanobis distance of the innovations above which a filter is not believed.
+    /// Mean squared Mahalanobis distance of the innovations above which a filter is considered wrong.
     pub distance_max: f32,
-    /// Range sigma over range above which there is something to learn.
+    /// Range sigma over range above which the mode is to learn.
     pub range_sigma_max: f32,
 }
 
@@ -96,10 +97,10 @@ pub struct FilterBank {
     filter: polar::Filter,
 }
 
-/// How a sighting came about.
+/// The path by which a sighting was received.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Path {
-    /// Straight from the source.
+    /// Directly from the source.
     #[default]
     Direct,
     /// By one reflection.
@@ -107,7 +108,7 @@ pub enum Path {
 }
 
 impl Path {
-    /// Whether two paths are the same, as well as that can be told from two fits of a wall.
+    /// Whether two paths are the same, within the accuracy of two fits of a wall.
     fn is_same(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Direct, Self::Direct) => true,
@@ -116,7 +117,7 @@ impl Path {
         }
     }
 
-    /// What the sighting says, seen directly.
+    /// The sighting as it would be without the reflection.
     #[must_use]
     pub fn straightened(&self, sighting: &Sighting) -> Sighting {
         match self {
@@ -130,35 +131,35 @@ impl Path {
     }
 }
 
-/// What the vehicle had better do, for the sake of the estimate.
+/// What the vehicle should do to improve the estimate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Mode {
     /// Move so that the range becomes known.
     #[default]
     Learn,
-    /// Go there.
+    /// Fly to the source.
     Go,
 }
 
-/// What the bank says after a sighting.
+/// The bank's result after a sighting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Answer {
-    /// What the leading filter believes.
+    /// The estimate of the leading filter.
     pub estimate: Estimate,
-    /// How it explains the sighting.
+    /// The path by which it explains the sighting.
     pub path: Path,
     /// Whether it explains it at all.
     pub explained: bool,
     /// Its share of the weight.
     pub share: f32,
-    /// Its normalised innovation squared, averaged over the last sightings: about one where all is as believed.
+    /// Its normalised innovation squared, averaged over the last sightings: about one for a consistent filter.
     pub nis: f32,
-    /// What to do.
+    /// Recommended mode.
     pub mode: Mode,
 }
 
-/// One hypothesis: where the source is, and by which path it is heard.
+/// One hypothesis: where the source is, and by which path it is received.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Hypothesis {
     filter: Resting,
@@ -182,7 +183,7 @@ impl Default for State {
 }
 
 impl State {
-    /// Nothing is known.
+    /// No sighting yet.
     #[must_use]
     pub const fn new() -> Self {
         const NONE: Hypothesis =
@@ -210,7 +211,7 @@ impl State {
         leading
     }
 
-    /// Where a new hypothesis goes: an empty place, or that of the unlikeliest.
+    /// The place for a new hypothesis: an empty one, or that of the least likely.
     fn vacancy(&mut self) -> &mut Hypothesis {
         let mut at = 0;
         for (index, hypothesis) in self.hypotheses.iter().enumerate() {
@@ -224,8 +225,8 @@ impl State {
 }
 
 impl FilterBank {
-    /// Takes in a sighting. `reflected` is the probability that the link is, `lines` are the walls that are known.
-    /// `None` when the sighting is refused, or nothing is left to believe.
+    /// Processes a sighting. `reflected` is the probability that the link is reflected, `lines` are the known walls.
+    /// `None` when the sighting is refused, or no hypothesis is left.
     pub fn step(&self, state: &mut State, sighting: &Sighting, reflected: f32, lines: &[Wall]) -> Option<Answer> {
         if !sighting.is_plausible() {
             return None;
@@ -239,7 +240,7 @@ impl FilterBank {
         self.conclude(state, sighting, explained, reflected, wall)
     }
 
-    /// What is to be believed once all hypotheses have been held against a sighting.
+    /// The result after all hypotheses have been updated with a sighting.
     #[inline(never)]
     fn conclude(
         &self,
@@ -271,7 +272,7 @@ impl FilterBank {
         Some(Answer { estimate, path: leading.path, explained, share: 1.0 / total, nis: leading.distance, mode })
     }
 
-    /// The nearest line that a sighting's ray meets, and how far off.
+    /// The nearest line that a sighting's ray meets, and its distance along the ray.
     fn nearest(&self, sighting: &Sighting, lines: &[Wall]) -> Option<(Wall, f32)> {
         let mut nearest: Option<(Wall, f32)> = None;
         for line in lines.iter().filter(|line| line.is_valid()) {
@@ -283,7 +284,8 @@ impl FilterBank {
         nearest
     }
 
-    /// Tries both paths of a sighting on a hypothesis and keeps the likelier; whether that explains it.
+    /// Tries both paths of a sighting on a hypothesis and keeps the likelier; returns whether that explains the
+    /// sighting.
     #[inline(never)]
     fn weigh(
         &self,
@@ -298,7 +300,7 @@ impl FilterBank {
         });
         let mirrored = wall.filter(|_| reflected > 0.0).and_then(|(line, range_m)| {
             let reading = self.read(hypothesis, sighting, Path::Reflected(line))?;
-            // By way of the wall it cannot be nearer than the wall.
+            // A source that is seen by reflection cannot be nearer than the wall.
             (reading.filter.inverse_range_per_m() * range_m < 1.0).then(|| reading.times(reflected))
         });
         let (best, other) = match (direct, mirrored) {
@@ -306,13 +308,13 @@ impl FilterBank {
             (Some(direct), mirrored) => (direct, mirrored.map_or(0.0, |reading| reading.likelihood)),
             (None, Some(mirrored)) => (mirrored, 0.0),
             (None, None) => {
-                // Nothing that it could have sent: an outlier.
+                // The sighting fits neither path: an outlier.
                 hypothesis.log_weight = self.config.memory * hypothesis.log_weight + NOTHING;
                 return false;
             }
         };
-        // It stays where the mirror image of the vehicle is for as long as that is what hears: a jump there and back at
-        // every sighting, with a range that is not known, is more than a linear filter can follow.
+        // The filter stays at the vehicle's mirror image as long as the sightings are reflected: a jump there and back
+        // at every sighting, with an unknown range, would be too nonlinear for it.
         hypothesis.filter = best.filter;
         hypothesis.path = best.path;
         hypothesis.log_weight =
@@ -321,9 +323,10 @@ impl FilterBank {
         best.inlier > EXPLAINED
     }
 
-    /// What a hypothesis would become, were the sighting to have come by this path.
+    /// The hypothesis after the sighting, if it was received by this path.
     fn read(&self, hypothesis: &Hypothesis, sighting: &Sighting, path: Path) -> Option<Reading> {
-        // From the vehicle to its mirror image is a long way. Who does not know the range cannot say what is seen from there.
+        // The vehicle's mirror image is far from the vehicle. A hypothesis with an unknown range cannot predict the
+        // bearing from there.
         if !knows_range(&hypothesis.filter, SWITCH_MAX) && !hypothesis.path.is_same(&path) {
             return None;
         }
@@ -337,7 +340,7 @@ impl FilterBank {
         }
     }
 
-    /// A hypothesis that knows this sighting only.
+    /// Adds a hypothesis from this sighting only.
     fn begin_afresh(&self, state: &mut State, sighting: &Sighting) {
         state.unexplained = 0;
         let log_weight = state.leading().map_or(0.0, |leading| leading.log_weight + NEWCOMER);
@@ -346,7 +349,8 @@ impl FilterBank {
         *state.vacancy() = Hypothesis { filter, path: Path::Direct, log_weight, distance: 0.0, alive: true };
     }
 
-    /// A hypothesis that the leading one has been looking at a mirror image in this line, unless there is one.
+    /// Adds the hypothesis that the leading one's source is a mirror image in this line, unless the line has one
+    /// already.
     fn reflect(state: &mut State, line: Wall) {
         let used = state.alive().any(|hypothesis| hypothesis.path.is_same(&Path::Reflected(line)));
         let Some(leading) = state.leading().copied() else { return };
@@ -360,7 +364,7 @@ impl FilterBank {
     }
 }
 
-/// A sighting, read as having come by one path.
+/// A sighting interpreted as received by one path.
 #[derive(Clone, Copy)]
 struct Reading {
     filter: Resting,
@@ -376,13 +380,13 @@ impl Reading {
     }
 }
 
-/// Whether the range's standard deviation is less than this part of it.
+/// Whether the range's standard deviation is less than this share of the range.
 fn knows_range(filter: &Resting, ratio_max: f32) -> bool {
     let sigma = ratio_max * filter.inverse_range_per_m();
     filter.covariance(1, 1) < sigma * sigma
 }
 
-/// Whether two lines are the same wall, as well as that can be told from two fits.
+/// Whether two lines are the same wall, within the accuracy of two fits.
 fn is_same(a: &Wall, b: &Wall) -> bool {
     let [from, to] = b.ends_ned_m();
     libm::fabsf(a.normal_ned.dot(b.normal_ned)) > 0.9
@@ -390,7 +394,7 @@ fn is_same(a: &Wall, b: &Wall) -> bool {
         && libm::fabsf(a.distance_m(to)) < 0.7
 }
 
-/// Weights relative to the leading one; drops who is unlikely, or agrees with a likelier one.
+/// Makes the weights relative to the leading one; drops filters that are unlikely, or agree with a likelier one.
 fn settle(state: &mut State) {
     let Some(most) = state.leading().map(|leading| leading.log_weight) else { return };
     for hypothesis in state.hypotheses.iter_mut().filter(|hypothesis| hypothesis.alive) {
@@ -408,12 +412,12 @@ fn settle(state: &mut State) {
     }
 }
 
-/// Whether two filters that look from one place say the same: within one standard deviation of the better known one.
+/// Whether two filters at the same position agree: within one standard deviation of the more certain one.
 fn agree(a: &Resting, b: &Resting) -> bool {
     if a.place_ned_m() != b.place_ned_m() {
         return false;
     }
-    // The chord, for the arc.
+    // The chord approximates the arc.
     let bearing2 = a.direction_ned().minus(b.direction_ned()).norm_squared();
     let inverse_range = a.inverse_range_per_m() - b.inverse_range_per_m();
     let least = |i: usize| {

@@ -1,19 +1,19 @@
-//! Keeps the covariance of a filter positive definite, whatever rounding does to it.
+//! Keeps the covariance of a filter positive definite despite rounding.
 #![expect(clippy::needless_range_loop, reason = "symmetric matrices are filled by row and column")]
 
 use crate::base::math::sqrt;
 use crate::base::units::between;
 
-/// Least pivot of a covariance, as a part of its diagonal. Rounding moves a pivot by some `eps / sqrt(least pivot before)`, so
-/// that what passes in `f32` has a factor in `f64` too.
+/// Least pivot of a covariance, as a share of its diagonal. Rounding changes a pivot by about
+/// `eps / sqrt(least pivot before)`, so that a matrix that passes in `f32` has a Cholesky factor in `f64` too.
 const PIVOT_MIN: f32 = 1e-4;
-/// Widenings, each about twice the one before: five times at most in all.
+/// Largest number of widenings, each about twice the one before; together they widen by a factor of five at most.
 const WIDENINGS: u8 = 14;
-/// Least and greatest variance of anything.
+/// Smallest and largest variance of any state.
 const VARIANCES: [f32; 2] = [1e-12, 1e12];
 
-/// Bounds the variances, and widens them a little where rounding has made their correlations impossible; looks at the upper
-/// triangle only, and keeps a symmetric matrix symmetric.
+/// Limits the variances, and increases them a little where rounding has made their correlations impossible; reads the
+/// upper triangle only, and keeps a symmetric matrix symmetric.
 #[inline(always)]
 pub fn keep_positive<const S: usize>(p: &mut [[f32; S]; S]) {
     let mut trace = 0.0;
@@ -30,7 +30,7 @@ pub fn keep_positive<const S: usize>(p: &mut [[f32; S]; S]) {
 fn widen<const S: usize>(p: &mut [[f32; S]; S]) {
     for i in 0..S {
         let variance = p[i][i];
-        // What is too large keeps its correlations; what is none has none.
+        // A variance that is too large keeps its correlations; one that is not positive loses them.
         let share = if variance > VARIANCES[1] { sqrt(VARIANCES[1] / variance) } else { 1.0 };
         if !(variance > 0.0) || share < 1.0 {
             for j in 0..S {
@@ -50,7 +50,7 @@ fn widen<const S: usize>(p: &mut [[f32; S]; S]) {
         }
         wider += wider - 1.0;
     }
-    // That was not rounding.
+    // Larger errors are not caused by rounding.
     for i in 0..S {
         for j in 0..S {
             if i != j {

@@ -1,15 +1,15 @@
-//! Bearings are gathered into sightings: a tenth of a second of them, averaged, so that filters work at 10 Hz and not on
-//! errors that belong together.
+//! Gathers bearings into sightings: the average over a tenth of a second, so that filters run at 10 Hz and their input
+//! errors are less correlated.
 
 use super::Sighting;
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::time::Instant;
 
-/// Bearings are gathered this long.
+/// Time over which bearings are gathered.
 pub const SIGHTING_S: f32 = 0.1;
 
-/// Bearings on the way to becoming a sighting.
+/// The bearings gathered so far for the next sighting.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Gathering {
     since: Option<Instant>,

@@ -1,9 +1,9 @@
-//! Where the source is: filters behind the bearing.
+//! Where the source is: filters that process the bearings.
 //!
-//! - [`polar`], the default: bearing, inverse range and, for a source that moves, its velocity over the range. A bearing says
-//!   nothing about range, and this filter says so for as long as that is true.
-//! - [`bank`]: several of them, for a source that may be seen by way of a wall.
-//! - [`covariance`]: what keeps a filter's covariance positive definite.
+//! - [`polar`], the default: bearing, inverse range and, for a source that moves, its velocity over the range. A
+//!   bearing contains no range; the filter keeps the range uncertain until the vehicle's motion determines it.
+//! - [`bank`]: several such filters, for a source whose signal may be reflected by a wall.
+//! - [`covariance`]: keeps a filter's covariance positive definite.
 //!
 //! The mmWave paper's filters, as printed and repaired, are in the crate `foxhound-papers`.
 
@@ -16,11 +16,11 @@ pub mod covariance;
 pub mod gather;
 pub mod polar;
 
-/// A bearing as the filters take it in, from a place.
+/// A bearing as input of the filters, with the position where it was measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Sighting {
-    /// From where.
+    /// Where it was measured.
     pub place_ned_m: Horizontal,
     /// Unit vector towards the source.
     pub direction_ned: Horizontal,
@@ -45,16 +45,16 @@ impl Sighting {
     }
 }
 
-/// What a filter believes of the source.
+/// A filter's estimate of the source.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Estimate {
-    /// Where it is.
+    /// Its position.
     pub place_ned_m: Horizontal,
-    /// How it moves; zero from filters that hold it to be at rest.
+    /// Its velocity; zero from filters that assume a source at rest.
     pub velocity_ned_mps: Horizontal,
-    /// Covariance of the place: north-north, north-east, east-east.
+    /// Covariance of the position: north-north, north-east, east-east.
     pub covariance_m2: [f32; 3],
     /// Its bearing from the vehicle, from north, clockwise.
     pub bearing_ned_rad: f32,
@@ -66,23 +66,23 @@ pub struct Estimate {
     pub range_sigma_ratio: f32,
 }
 
-/// What a filter made of a sighting.
+/// The result of a filter's update with a sighting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Update {
-    /// It was the first: the filter has started, or started over.
+    /// It was the first: the filter has started or restarted.
     Started,
-    /// It was weighed.
+    /// The state was updated with it.
     Fused {
         /// Normalised innovation squared: one on average, when the filter is consistent.
         nis: f32,
-        /// Probability that it is no outlier.
+        /// Probability that it is not an outlier.
         weight: f32,
         /// Its density under the filter, outliers included, 1/rad.
         likelihood: f32,
     },
-    /// It is no sighting: not finite, or absurd. Nothing has changed.
+    /// The sighting is invalid: not finite, or implausible. The state is unchanged.
     Refused,
-    /// The vehicle is at the source, whose bearing means nothing there; the filter starts over with the next sighting.
+    /// The vehicle is at the source, where its bearing is meaningless; the filter restarts with the next sighting.
     Overhead,
 }

@@ -1,5 +1,5 @@
-//! Line-of-sight filter in modified polar coordinates, after Aidala and Hammel, "Utilization of modified polar coordinates
-//! for bearings-only tracking", IEEE Transactions on Automatic Control 28 (1983).
+//! Line-of-sight filter in modified polar coordinates, after Aidala and Hammel, "Utilization of modified polar
+//! coordinates for bearings-only tracking", IEEE Transactions on Automatic Control 28 (1983).
 //!
 //! The state is the bearing `beta`, the inverse range `rho`, and with four states the source's velocity over the range,
 //! `nu`. With the vehicle's displacement `d` since the last sighting,
@@ -9,20 +9,22 @@
 //!     beta' = arg m,   rho' = rho / s,   nu' = nu / s
 //! ```
 //!
-//! is exact, and the measurement is the first state itself. So range is corrected through its correlation with the bearing
-//! only, which arises from motion across the line of sight: a straight run towards the source leaves its variance alone,
-//! where a Cartesian filter (eq. 2-3 of the mmWave paper, `filters::cartesian` of `foxhound-papers`) talks itself into one.
+//! is exact, and the measurement is the first state itself. So range is corrected only through its correlation with the
+//! bearing, which arises from motion across the line of sight. A straight flight towards the source leaves the variance
+//! of the range unchanged, where a Cartesian filter (eq. 2-3 of the mmWave paper, `filters::cartesian` of
+//! `foxhound-papers`) becomes overconfident.
 //!
-//! An innovation `y` of variance `S` is weighed against an outlier from anywhere: with the probability `w` that it is none,
+//! An innovation `y` of variance `S` is weighted by the probability `w` that it is not an outlier, where outliers are
+//! uniform over all directions:
 //!
 //! ```text
 //!     x += w K y,   P -= (w S - w (1 - w) y^2) K K'
 //! ```
 //!
-//! (the probabilistic data association filter of Bar-Shalom with one measurement). Only one triangle of `P` is kept, so it is
-//! symmetric; after every step its pivots are looked at, and where rounding has made correlations impossible the variances are
-//! widened. The bearing is kept as a unit vector, so that a step needs no sine and seldom an arctangent: 360 and 560
-//! instructions at most on a Cortex-M4F, with two and four states.
+//! (the probabilistic data association filter of Bar-Shalom with one measurement). Only one triangle of `P` is stored,
+//! so it is symmetric; after every step its pivots are checked, and where rounding has made correlations impossible the
+//! variances are increased. The bearing is kept as a unit vector, so that a step needs no sine and rarely an
+//! arctangent: 360 and 560 instructions at most on a Cortex-M4F, with two and four states.
 #![expect(clippy::needless_range_loop, reason = "symmetric matrices are filled by row and column")]
 
 use super::{Estimate, Sighting, Update, covariance, series};
@@ -32,34 +34,34 @@ use crate::base::ned::Horizontal;
 use crate::base::units::between;
 use crate::mapping::walls::Wall;
 
-/// Below this fraction of the range that is left after a step, the vehicle is at the source.
+/// If the range after a step is less than this fraction of the range before, the vehicle is at the source.
 const OVERHEAD: f32 = 1e-3;
-/// Bearings are never known better than this.
+/// Smallest standard deviation of a bearing.
 const SIGMA_MIN_RAD: f32 = 1e-4;
-/// Nor worse than this: a uniform one has it.
+/// Largest standard deviation of a bearing: that of the uniform distribution.
 const BEARING_SIGMA_MAX_RAD: f32 = 1.813_8;
 
-/// What the filter needs to know.
+/// Configuration of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// Inverse range that the first bearing is taken to mean.
+    /// Inverse range assumed at the first bearing.
     pub inverse_range_per_m: f32,
     /// Its standard deviation.
     pub inverse_range_sigma_per_m: f32,
-    /// Nearest and farthest range that is believed.
+    /// Smallest and largest range that the estimate may have.
     pub range_min_m: f32,
     /// See `range_min_m`.
     pub range_max_m: f32,
-    /// Share of sightings that mean nothing.
+    /// Share of sightings that are outliers.
     pub outlier_rate: f32,
-    /// Sightings are not believed to be better than this.
+    /// Smallest standard deviation of a sighting.
     pub sigma_floor_rad: f32,
-    /// Error of the vehicle's own position, a random walk with this variance a second.
+    /// Error of the vehicle's own position, a random walk with this variance per second.
     pub odometry_m2_per_s: f32,
-    /// Standard deviation of a moving source's speed when it is first heard, along each axis.
+    /// Initial standard deviation of a moving source's speed, along each axis.
     pub speed_sigma_mps: f32,
-    /// Its acceleration, white, with this density.
+    /// Spectral density of its acceleration, which is white noise.
     pub acceleration_m2_per_s3: f32,
 }
 
@@ -109,7 +111,7 @@ pub struct Filter {
     config: Config,
 }
 
-/// What it knows: with `S = 2` of a source at rest, with `S = 4` of one that moves.
+/// The filter's state: `S = 2` for a source at rest, `S = 4` for one that moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State<const S: usize> {
     /// Unit vector of the bearing, clockwise from north.
@@ -117,9 +119,9 @@ pub struct State<const S: usize> {
     inverse_range_per_m: f32,
     /// The source's velocity over the range; zero with two states.
     velocity_ned_per_s: Horizontal,
-    /// Covariance of bearing, inverse range, velocity over range (north, east); the upper triangle counts.
+    /// Covariance of bearing, inverse range, velocity over range (north, east); only the upper triangle is used.
     p: [[f32; S]; S],
-    /// Where the vehicle was.
+    /// Position of the vehicle at the last sighting.
     place_ned_m: Horizontal,
     started: bool,
 }
@@ -136,7 +138,7 @@ impl<const S: usize> Default for State<S> {
 }
 
 impl<const S: usize> State<S> {
-    /// Nothing is known.
+    /// No sighting yet.
     #[must_use]
     pub const fn new() -> Self {
         const { assert!(S == 2 || S == 4) };
@@ -151,7 +153,7 @@ impl<const S: usize> State<S> {
         }
     }
 
-    /// What is known, as of the last sighting; `None` before the first.
+    /// The estimate as of the last sighting; `None` before the first.
     #[must_use]
     pub fn estimate(&self) -> Option<Estimate> {
         if !self.started {
@@ -179,13 +181,13 @@ impl<const S: usize> State<S> {
         })
     }
 
-    /// What the mirror image of the vehicle knows: of what the vehicle takes for the source, its mirror image.
+    /// The state as seen from the vehicle's mirror image: the estimated source is replaced by its mirror image.
     #[must_use]
     pub fn mirrored(&self, line: &Wall) -> Self {
         let mut image = *self;
         image.place_ned_m = line.mirror(self.place_ned_m);
         image.direction_ned = line.mirror_direction(self.direction_ned);
-        // A mirror turns left and right about, and leaves ranges alone.
+        // A mirror swaps left and right, and keeps ranges.
         image.p[0][1] = -self.p[0][1];
         if S == 4 {
             image.velocity_ned_per_s = line.mirror_direction(self.velocity_ned_per_s);
@@ -234,7 +236,7 @@ impl<const S: usize> State<S> {
         self.inverse_range_per_m
     }
 
-    /// Where the vehicle was, or its mirror image.
+    /// Position of the vehicle at the last sighting, or of its mirror image.
     #[must_use]
     pub fn place_ned_m(&self) -> Horizontal {
         self.place_ned_m
@@ -249,7 +251,7 @@ impl<const S: usize> State<S> {
 }
 
 impl Filter {
-    /// Takes in a sighting.
+    /// Processes a sighting.
     pub fn step<const S: usize>(&self, state: &mut State<S>, sighting: &Sighting) -> Update {
         if !sighting.is_plausible() {
             return Update::Refused;
@@ -267,13 +269,14 @@ impl Filter {
         self.update(state, sighting.direction_ned, sigma_rad)
     }
 
-    /// [`Self::step`] for a source that may move, compiled with this crate and not with the caller, perhaps for size.
+    /// [`Self::step`] for a source that may move, compiled with this crate and not with the caller, which may be
+    /// optimised for size.
     #[inline(never)]
     pub fn step_moving(&self, state: &mut Moving, sighting: &Sighting) -> Update {
         self.step(state, sighting)
     }
 
-    /// Begins with a bearing, and the prior of the range.
+    /// Starts from a bearing and the prior of the range.
     fn start<const S: usize>(&self, state: &mut State<S>, sighting: &Sighting, sigma_rad: f32) {
         let config = &self.config;
         *state = State::new();
@@ -291,14 +294,14 @@ impl Filter {
         }
     }
 
-    /// Carries the state to where the vehicle is now; false when it is at the source.
+    /// Predicts the state at the vehicle's present position; false when that is at the source.
     pub fn predict<const S: usize>(&self, state: &mut State<S>, place_ned_m: Horizontal, dt_s: f32) -> bool {
         let carried = self.carry(state, place_ned_m, dt_s);
         self.keep_sound(state);
         carried
     }
 
-    /// The same, but for the last digits: an update looks at them anyway.
+    /// The same without the check of rounding: an update does it anyway.
     fn carry<const S: usize>(&self, state: &mut State<S>, place_ned_m: Horizontal, dt_s: f32) -> bool {
         let config = &self.config;
         let moved = place_ned_m.minus(state.place_ned_m);
@@ -329,7 +332,7 @@ impl Filter {
             state.velocity_ned_per_s = state.velocity_ned_per_s.times(shrink);
             (y[2], y[3]) = (state.velocity_ned_per_s.north, state.velocity_ned_per_s.east);
         }
-        // F = (a; I - y b') / s but for the first row: P' without a product of matrices.
+        // F = (a; I - y b') / s except the first row: P' without a product of matrices.
         let (pa, pb) = (times(&state.p, &a), times(&state.p, &b));
         let (apa, apb, half_bpb) = (dot(&a, &pa), dot(&a, &pb), 0.5 * dot(&b, &pb));
         let shrink2 = shrink * shrink;
@@ -347,7 +350,7 @@ impl Filter {
             }
         }
 
-        // And what the vehicle and the source do beyond that.
+        // Process noise of the vehicle and of the source.
         let rho2 = state.inverse_range_per_m * state.inverse_range_per_m;
         let walk = rho2 * config.odometry_m2_per_s * dt_s;
         state.p[0][0] = apa * shrink2 + walk;
@@ -360,7 +363,7 @@ impl Filter {
         true
     }
 
-    /// Weighs a bearing, given as a vector along it.
+    /// Updates the state with a bearing, given as a vector along it.
     fn update<const S: usize>(&self, state: &mut State<S>, direction_ned: Horizontal, sigma_rad: f32) -> Update {
         let config = &self.config;
         let r = sigma_rad * sigma_rad;
@@ -371,10 +374,10 @@ impl Filter {
         let s = row[0] + r;
         let inverse = 1.0 / s;
         let nis = innovation * innovation * inverse;
-        // Over sqrt(2 pi).
+        // Divided by sqrt(2 pi).
         let inlier = 0.398_942_3 * (1.0 - config.outlier_rate) * series::exp_minus(0.5 * nis) * sqrt(s) * inverse;
         let outlier = config.outlier_rate * (0.5 * core::f32::consts::FRAC_1_PI);
-        // Far out, both may vanish.
+        // For a distant outlier both may be zero.
         let likelihood = inlier + outlier + 1e-30;
         let weight = (inlier + 1e-30) / likelihood;
         let known = weight * inverse;
@@ -395,7 +398,7 @@ impl Filter {
                 }
             }
         }
-        // Positive as it stands, where the difference above loses digits.
+        // This form is always positive, while the difference above loses digits.
         if weight > 0.999 {
             state.p[0][0] = row[0] * r * inverse;
         }
@@ -403,7 +406,7 @@ impl Filter {
         Update::Fused { nis, weight, likelihood }
     }
 
-    /// Within its ranges, and positive.
+    /// Limits the state to its ranges, and keeps the covariance positive definite.
     fn keep_sound<const S: usize>(&self, state: &mut State<S>) {
         let config = &self.config;
         let rho = state.inverse_range_per_m;
@@ -412,7 +415,7 @@ impl Filter {
         } else if rho * config.range_max_m < 1.0 {
             state.inverse_range_per_m = 1.0 / config.range_max_m;
         }
-        // Worse than uniform is uniform.
+        // A bearing less certain than uniform is treated as uniform.
         if state.p[0][0] > BEARING_SIGMA_MAX_RAD * BEARING_SIGMA_MAX_RAD {
             narrow(&mut state.p);
         }
@@ -420,7 +423,7 @@ impl Filter {
     }
 }
 
-/// Takes the first of the states, a bearing that is not known at all, for uniform.
+/// Treats the first state, the bearing, as uniform when it is entirely unknown.
 #[cold]
 #[inline(never)]
 fn narrow<const S: usize>(p: &mut [[f32; S]; S]) {

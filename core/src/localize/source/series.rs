@@ -1,14 +1,16 @@
-//! The functions of an update, by series: a third of the instructions of `libm`'s, which serve every argument alike.
+//! The functions that an update needs, by series: they take a third of the instructions of `libm`'s, which are accurate
+//! for every argument.
 
 use crate::base::ned::Horizontal;
 use crate::base::units::sin_cos;
 
 /// `tan(pi / 8)`.
 const TAN_22_5: f32 = core::f32::consts::SQRT_2 - 1.0;
-/// Largest turn that the series of sine and cosine are taken for.
+/// Largest angle for which the series of sine and cosine are used.
 const TURN_MAX_RAD: f32 = 0.4;
 
-/// The angle of a sine and a cosine to any common scale that is not negative, within 2e-7 of its own size or of `libm`'s.
+/// The angle of a sine and a cosine that may have a common factor >= 0. The relative error, or the difference from
+/// `libm`, is at most 2e-7.
 pub(super) fn angle(sine: f32, cosine: f32) -> f32 {
     if !(libm::fabsf(sine) < TAN_22_5 * cosine) {
         return libm::atan2f(sine, cosine);
@@ -19,7 +21,7 @@ pub(super) fn angle(sine: f32, cosine: f32) -> f32 {
     t + t * z * (-3.333_295e-1 + z * (1.997_771_1e-1 + z * (-1.387_768_6e-1 + z * 8.053_745e-2)))
 }
 
-/// `exp(-x)` for `x >= 0`, within 1e-5 of its own size; zero where it is none in `f32`.
+/// `exp(-x)` for `x >= 0`, with a relative error of at most 1e-5; zero where it underflows in `f32`.
 pub(super) fn exp_minus(x: f32) -> f32 {
     if !(x < 87.0) {
         return 0.0;

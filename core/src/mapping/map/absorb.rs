@@ -1,7 +1,7 @@
-//! How one circle seen becomes part of the store, and how the store is held against a scan.
+//! How a detected circle becomes part of the store, and how the store is checked against a scan.
 //!
-//! A detection meets every known circle that is near it ([`Index`]). What covers its hits is noted, and then it is averaged
-//! into the pillar that it is, or added where something of it is not covered yet.
+//! A detection is compared with every known circle near it ([`Index`]). Which of its hits those circles cover is
+//! recorded. Then it is averaged into the known pillar that it matches, or added if some of it is not covered yet.
 
 use heapless::Vec;
 
@@ -14,16 +14,16 @@ use crate::base::time::Instant;
 use crate::base::units::{between, whole_below, wrap_pi};
 use crate::mapping::scan::{Detection, Kind, POINTS_MAX, RAYS_MAX, Scan, Sector, Segmentation};
 
-/// So many pillars at most are checked again when the one that was seen has been averaged.
+/// Largest number of pillars that are checked again after the detected one has been averaged.
 const MET_MAX: usize = 4;
 /// No hit sticks out of the circle of its detection by more than this.
 const OUT_M: f32 = 0.03;
-/// A patch may be explained by what is known so far beside its hits, however wide the sectors are.
+/// Largest distance beside its hits within which known circles may cover a patch, however wide the sectors are.
 const BESIDE_MAX_M: f32 = 0.10;
-/// What is nearer has to be covered where it was measured: the vehicle may be about to pass it.
+/// Hits nearer than this must be covered where they were measured: the vehicle may be about to pass them.
 pub(super) const BESIDE_FROM_M: f32 = 1.0;
 
-/// A bit for each hit.
+/// One bit per hit.
 #[derive(Clone, Copy, Debug, Default)]
 struct Bits([u32; POINTS_MAX.div_ceil(32)]);
 
@@ -43,23 +43,24 @@ impl Bits {
     }
 }
 
-/// The hits behind a detection, from where they were seen, and what of them is in a known circle or close to one.
+/// The hits of a detection, relative to the sensor, and which of them are in a known circle or close to one.
 struct Covered<'a> {
     points_m: &'a [Horizontal],
     face_m: Horizontal,
     margin_m: f32,
-    /// Direction of the hits, how far from the middle of its sector each may be, and how far it is taken to be.
+    /// Direction of the hits, the largest distance of each from the middle of its sector, and its estimated distance
+    /// from there.
     toward: Horizontal,
     beside_m: f32,
     sides: &'a [i8],
     all: Bits,
-    /// In a pillar or a circle that was delivered.
+    /// The hits in a pillar or in a delivered circle.
     by_round: Bits,
     is_face: bool,
 }
 
 impl Covered<'_> {
-    /// Notes what a circle covers; `center_m` is its centre, from where the hits were seen.
+    /// Records which hits a circle covers; `center_m` is its centre relative to the sensor.
     fn mark(&mut self, known: &Known, center_m: Horizontal) {
         let reach_m = known.radius_m + self.margin_m;
         let covers = |point: Horizontal| point.minus(center_m).norm_squared() <= reach_m * reach_m;
@@ -83,10 +84,10 @@ impl Covered<'_> {
         }
     }
 
-    /// The same of what may lie elsewhere in its sector, as far from the vehicle.
+    /// The same for hits that may lie elsewhere in their sector, at the same range.
     #[inline(never)]
     fn mark_beside(&mut self, known: &Known, center_m: Horizontal) {
-        // Half of the margin is for the arc, which is straight here.
+        // Half of the margin allows for the arc, which is approximated by a straight line.
         let reach_m = known.radius_m + 0.5 * self.margin_m;
         let toward = self.toward;
         let beside_m = self.beside_m;
@@ -114,27 +115,27 @@ impl Covered<'_> {
     }
 }
 
-/// A scan, of which the sector in a direction is asked.
+/// A scan, to look up the sector in a direction.
 struct View<'a> {
     scan: &'a Scan,
     origin_ned_m: Horizontal,
-    /// From north to the middle of the first sector.
+    /// Azimuth of the middle of the first sector, from north.
     first_ned_rad: f32,
-    /// Rays of a full turn, if it is one.
+    /// Number of rays if the scan is a full turn.
     turn: Option<i32>,
     /// See [`Sectors::outermost_ray`](crate::mapping::scan::Sectors::outermost_ray).
     outermost_ray: f32,
 }
 
 impl View<'_> {
-    /// Whether the sensor sees something behind a circle, or nothing where it stands.
+    /// Whether the sensor sees something behind a circle, or nothing at its position.
     fn passes(&self, known: &Known, away: Horizontal, distance_m: f32) -> bool {
         let mut middle = wrap_pi(away.bearing_rad() - self.first_ned_rad) / self.scan.step_rad;
-        // A scan of more than half a turn goes on past it.
+        // A scan of more than half a turn continues beyond the wrap.
         if middle < -0.5 {
             middle += core::f32::consts::TAU / libm::fabsf(self.scan.step_rad);
         }
-        // Nearer than this, a hit is the circle's or in front of it.
+        // A hit nearer than this is on the circle or in front of it.
         let (front_m, side_m) = if known.origin == Origin::Given {
             (distance_m + known.radius_m + 0.1, f32::INFINITY)
         } else {
@@ -146,7 +147,7 @@ impl View<'_> {
         if known.origin == Origin::Given || known.radius_m <= RIM_M {
             return false;
         }
-        // The outermost rays that should have met it; the arcsine from below.
+        // The outermost rays that should have hit it, with a lower bound of the arcsine.
         let x = (known.radius_m - RIM_M) / distance_m;
         let reach = x * (1.0 + x * x / 6.0) / libm::fabsf(self.scan.step_rad) + self.outermost_ray;
         let (low, high) = (-whole_below(reach - middle), whole_below(middle + reach));
@@ -168,7 +169,7 @@ impl View<'_> {
 }
 
 impl Mapper {
-    /// Takes a detection of a scan into the store.
+    /// Merges a detection of a scan into the store.
     pub(super) fn absorb(
         &self,
         map: &mut Map,
@@ -194,7 +195,7 @@ impl Mapper {
         };
         let beyond_m =
             seen.radius_m + if covered.margin_m + OUT_M > GATE_M { covered.margin_m + OUT_M } else { GATE_M };
-        // Pillars that it may be, and the nearest of them.
+        // Pillars that it may match, and the nearest of them.
         let mut met: Vec<u8, MET_MAX> = Vec::new();
         let mut nearest: Option<(usize, f32)> = None;
         for at in index.near(seen.center_ned_m, beyond_m) {
@@ -215,7 +216,7 @@ impl Mapper {
                     }
                 } else if known.clear_scans != AVERAGED && is_gated(known, seen, squared) && met.push(at as u8).is_ok()
                 {
-                    // It covers nothing before it is known whether it is the one.
+                    // Its coverage is counted later, when the matching pillar is known.
                     if nearest.is_none_or(|(_, least)| squared < least) {
                         nearest = Some((at, squared));
                     }
@@ -242,11 +243,11 @@ impl Mapper {
         }
         let count = covered.points_m.len();
         let is_covered = match seen.kind {
-            // The edge of a pillar at the edge of the view looks like a thin pillar of its own, and an average can shift a
-            // pillar off the hits of a neighbour.
+            // The edge of a pillar at the edge of the view looks like a thin pillar of its own, and an average can
+            // shift a pillar off the hits of a neighbour.
             Kind::Pillar if nearest.is_none() => covered.by_round.has_first(count),
             Kind::Pillar => covered.all.has_first(count),
-            // The face of a single hit is the hit.
+            // The face of a single hit is the hit itself.
             Kind::Patch => covered.all.has_first(count) && (covered.is_face || seen.to <= seen.from + 1),
         };
         if !is_covered && let Some(known) = self.known_of(map, now, seen) {
@@ -255,7 +256,8 @@ impl Mapper {
         }
     }
 
-    /// Counts, of every circle in reach of a scan, the scans that see through it, and forgets those with too many.
+    /// Counts, for every circle within the range of a scan, the scans in a row that see through it, and marks those
+    /// with too many to be forgotten.
     pub(super) fn judge(&self, map: &mut Map, scan: &Scan, pose: &Pose) {
         let view = View {
             scan,
@@ -280,8 +282,8 @@ impl Mapper {
     }
 }
 
-/// In which direction the hits of a patch lie, and how far from the middles of their sectors they may be: each is the nearest of
-/// several rays, and it is not said which. A pillar is fitted to where its hits are taken to be.
+/// The direction of a patch's hits, and how far from the middles of their sectors they may be: each is the nearest of
+/// several rays, and which one is unknown. (A pillar is fitted to the estimated positions of its hits.)
 fn beside(segmentation: &Segmentation, seen: &Detection, face_m: Horizontal) -> (Horizontal, f32) {
     let is_far = |point: &Horizontal| point.norm_squared() > BESIDE_FROM_M * BESIDE_FROM_M;
     if segmentation.beside_rad == 0.0 || seen.kind == Kind::Pillar || !segmentation.points_of(seen).iter().all(is_far) {
@@ -291,7 +293,7 @@ fn beside(segmentation: &Segmentation, seen: &Detection, face_m: Horizontal) -> 
     (face_m.times(inverse), segmentation.beside_rad * squared * inverse)
 }
 
-/// Whether a known pillar may be the one that is seen.
+/// Whether a known pillar may be the detected one.
 fn is_gated(known: &Known, seen: &Detection, squared: f32) -> bool {
     let larger_m = if known.radius_m > seen.radius_m { known.radius_m } else { seen.radius_m };
     let doubt_m = 2.0 * (known.sigma_m + seen.sigma_m);
@@ -299,8 +301,8 @@ fn is_gated(known: &Known, seen: &Detection, squared: f32) -> bool {
     squared < gate_m * gate_m
 }
 
-/// Whether a known pillar is a worse measurement of another one: seen from far its radius is a guess, its sigma is large, and
-/// nothing sees through what is inside a real pillar.
+/// Whether a known pillar is a worse measurement of another one. Seen from a distance its radius is uncertain and its
+/// sigma large; and no scan would remove it, because the sensor cannot see through a circle inside a real pillar.
 fn is_within(known: &Known, best: &Known) -> bool {
     let inside_m = best.radius_m + STICK_OUT_M - known.radius_m;
     let squared = known.center_ned_m.minus(best.center_ned_m).norm_squared();

@@ -1,22 +1,24 @@
-//! Which known circles lie near a place, without asking each of them: two coarse scales, along north and along east, each
-//! bin of which holds a bit for every circle that reaches into it. A circle near a place is in the bins of both.
+//! Finds the known circles near a place without checking each of them: two coarse scales, along north and along east,
+//! whose bins contain a bit for every circle that reaches into them. A circle near a place is in the bins of both
+//! scales.
 //!
-//! It is made anew for each delivery, from the store as it is, and follows what the delivery changes. The scales wrap round
-//! every [`BINS`] bins and keep where a circle was before it moved: what is named has to be checked, and nothing that is
-//! near is left out.
+//! It is rebuilt from the store for each delivery, and updated with the delivery's changes. The scales wrap around
+//! every [`BINS`] bins, and keep the old bins of a circle that moved. So the result can contain circles that are not
+//! near and must be checked, but it never misses a near one.
 
 use super::{CIRCLES_MAX, Known};
 use crate::base::ned::Horizontal;
 
-/// Bins of a scale; a power of two.
+/// Number of bins of a scale; a power of two.
 const BINS: usize = 32;
 const BINS_PER_M: f32 = 4.0;
 const WORDS: usize = CIRCLES_MAX / 32;
-/// The farthest circle is known of so many at a time, so that it is found, and found again after a change, without asking all.
+/// The farthest circle is stored per block of this many circles, so that the farthest of all is found, also after a
+/// change, without checking all.
 const BLOCK: usize = 16;
 const BLOCKS: usize = CIRCLES_MAX / BLOCK;
 
-/// Places in the store, a bit each. Iterates over them, the first one first.
+/// A set of places in the store, one bit per place. Iterates over them in ascending order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Places([u32; WORDS]);
 
@@ -45,23 +47,23 @@ impl Places {
     }
 }
 
-/// See the module.
+/// The index; see the module.
 #[derive(Clone, Debug)]
 pub(super) struct Index {
-    /// Where the vehicle is, from which the scales are counted.
+    /// Position of the vehicle, the origin of the scales.
     origin_ned_m: Horizontal,
     north: [Places; BINS],
     east: [Places; BINS],
-    /// Squared distance of each circle from the vehicle, as its bits, which are in the same order.
+    /// Bits of each circle's squared distance from the vehicle; as integers they have the same order as the distances.
     squared_bits: [u32; CIRCLES_MAX],
     /// The place of the farthest circle of each block.
     farthest: [u8; BLOCKS],
-    /// Circles that are to be forgotten. They are near nothing, and are replaced first.
+    /// Circles that are to be forgotten. They are never reported as near, and are replaced first.
     doomed: Places,
 }
 
 impl Index {
-    /// Nothing is known around a vehicle.
+    /// An empty index around a vehicle.
     pub(super) fn new(origin_ned_m: Horizontal) -> Self {
         Self {
             origin_ned_m,
@@ -73,7 +75,7 @@ impl Index {
         }
     }
 
-    /// Notes where all circles of a store are.
+    /// Records the positions of all circles of a store.
     pub(super) fn place_all(&mut self, known: &[Known]) {
         for (at, known) in known.iter().enumerate() {
             let squared_bits = self.mark(at, known);
@@ -88,14 +90,14 @@ impl Index {
         }
     }
 
-    /// Notes where a circle is that has a place in the store.
+    /// Records the position of a circle in the store.
     #[inline(never)]
     pub(super) fn place(&mut self, at: usize, known: &Known) {
         let squared_bits = self.mark(at, known);
         self.place_at(at, squared_bits);
     }
 
-    /// Notes into which bins a circle reaches; says how far it is.
+    /// Records into which bins a circle reaches; returns the bits of its squared distance.
     fn mark(&mut self, at: usize, known: &Known) -> u32 {
         let away = known.center_ned_m.minus(self.origin_ned_m);
         for (scale, middle_m) in [(&mut self.north, away.north), (&mut self.east, away.east)] {
@@ -121,12 +123,12 @@ impl Index {
         }
     }
 
-    /// Notes that a circle is to be forgotten.
+    /// Marks a circle as to be forgotten.
     pub(super) fn doom(&mut self, at: usize) {
         self.doomed.set(at);
     }
 
-    /// Where the circles stand that may come nearer to a place than `reach_m`.
+    /// The places in the store of all circles that may reach to within `reach_m` of a position.
     #[inline(never)]
     pub(super) fn near(&self, place_ned_m: Horizontal, reach_m: f32) -> Places {
         let away = place_ned_m.minus(self.origin_ned_m);
@@ -144,8 +146,8 @@ impl Index {
         Places(north)
     }
 
-    /// The place that a newcomer takes in a full store: of a circle that is to be forgotten, or else of the farthest, if
-    /// that is farther away than the newcomer; and whether it is the former.
+    /// The place for a new circle in a full store: that of a circle to be forgotten, or else that of the farthest, if
+    /// it is farther away than the new one. Also returns whether it is that of a circle to be forgotten.
     #[inline(never)]
     pub(super) fn give_way(&mut self, newcomer: &Known) -> (Option<usize>, bool) {
         let mut left = self.doomed;
@@ -160,7 +162,7 @@ impl Index {
     }
 }
 
-/// Where the greatest stands; the last of equal ones.
+/// Index of the greatest; the last of equal ones.
 fn last_greatest(members: &[u32]) -> usize {
     let mut greatest = (0, 0);
     for (at, squared) in members.iter().enumerate() {
@@ -171,7 +173,7 @@ fn last_greatest(members: &[u32]) -> usize {
     greatest.0
 }
 
-/// The bins of a scale that something reaches into.
+/// The bins of a scale within a reach of a position.
 fn bins(middle_m: f32, reach_m: f32) -> impl Iterator<Item = usize> {
     // Rounded down; a cast saturates.
     let bin = |metres: f32| {

@@ -1,21 +1,26 @@
-//! The obstacle map: a bounded store of circles, remembered once seen.
+//! The obstacle map: a bounded store of the circles seen so far.
 //!
-//! What a sensor that delivers circles reports replaces what was known. A scan of hits ([`Segmentation`]) is taken in like this:
+//! Circles delivered by a sensor replace what was known there. A scan of hits ([`Segmentation`]) is processed as
+//! follows:
 //!
-//! 1. What the sensor sees through, in the middle or at a side, for [`Config::clear_scans`] scans is forgotten.
-//! 2. A pillar that meets a known one is averaged into it (`motion`: an alpha-beta filter whose memory grows), unless it is
-//!    a poor glimpse of a better known one; worse measurements of the same one are forgotten. If the average leaves out what
-//!    was just seen, that is added beside what was known.
-//! 3. Patches are added where a hit is not in a known circle yet, or within [`Config::cover_m`] of it; patches inside a pillar go.
-//!    What a wide sector reports from more than a metre away may stand a little beside its hit, too (`absorb`).
+//! 1. A circle that the sensor sees through, in the middle or at a side, for [`Config::clear_scans`] scans in a row is
+//!    forgotten.
+//! 2. A pillar that matches a known one is averaged into it (`motion`: an alpha-beta filter whose memory grows), unless
+//!    it is much less accurate than the known one; worse measurements of the same pillar are forgotten. If the average
+//!    would not cover the new hits, the pillar is added as a separate circle.
+//! 3. Patches are added where a hit is not in a known circle, or within [`Config::cover_m`] of it, yet; patches inside
+//!    a pillar are removed. An obstacle that a wide sector reports from more than a metre away may also be a little
+//!    beside its hit (`absorb`).
 //!
-//! So after each scan every hit is covered, or else what may be behind it, however wrong the store was, unless the store is full: then the circle farthest
-//! from the vehicle is dropped and [`Map::overflow_count`] counts it. Before it is full, what others cover is forgotten
-//! (`thin_out`). What is out of sight stays, but for circles that move: those are carried along and forgotten when unseen
-//! for a while. A circle moves when its filter says so with four sigma for several scans in a row, so that the change of the
-//! view of a standing pillar does not set it in motion.
+//! So after each scan every hit, or its possible place in a wide sector, is covered, whatever errors the store had
+//! before. The exception is a full store: then the circle farthest from the vehicle is dropped and
+//! [`Map::overflow_count`] counts it. Before the store is full, circles that others cover are forgotten (`thin_out`).
+//! Circles out of sight are kept, except moving ones: those are moved on with their velocity, and forgotten when unseen
+//! for a while. A circle counts as moving when its filter's speed exceeds four sigma for several scans in a row, so
+//! that a standing pillar does not seem to move when it is seen from another side.
 //!
-//! The cost of a scan is bounded: circles meet only what lies near them (`index`). Bench rows `look_*` give it.
+//! The cost of a scan is bounded: circles are compared only with those near them (`index`). Bench rows `look_*` measure
+//! it.
 //!
 //! The reported radius is the measured one plus its sigma, which is zero for exact circles.
 
@@ -37,42 +42,43 @@ mod thin_out;
 use index::{Index, Places};
 use motion::{Motion, Sighting};
 
-/// Most circles that are remembered.
+/// Largest number of circles that are remembered.
 pub const CIRCLES_MAX: usize = 192;
 const _: () =
     assert!(CIRCLES_MAX.is_multiple_of(32) && CIRCLES_MAX < 256, "sets of places are arrays of u32, places are bytes");
-/// Most circles that one delivery may hold; the rest of a longer one is ignored.
+/// Largest number of circles in one delivery; the rest of a longer one is ignored.
 pub const DELIVERY_MAX: usize = 64;
 
-/// Sigma below which averaging does not bring it, so that the map follows if the vehicle's own position drifts.
+/// Lower limit of a circle's sigma when it is averaged, so that the map follows if the vehicle's own position drifts.
 const SIGMA_MIN_M: f32 = 0.005;
-/// Sigmas by which a circle's reported radius is larger.
+/// Number of sigmas by which a circle's reported radius is larger than the measured one.
 const INFLATION_SIGMAS: f32 = 1.0;
-/// A ray that passes a circle's rim on the inside by more than this, unhindered, speaks against the circle.
+/// A ray that passes through a circle, more than this inside its rim, is evidence against the circle.
 const RIM_M: f32 = 0.03;
-/// A patch inside a pillar may stick out by this much.
+/// Largest distance by which a patch inside a pillar may stick out.
 const STICK_OUT_M: f32 = 0.04;
-/// Two pillars are one whose centres are closer than a share of the larger radius and twice their doubt, at most this.
+/// Two pillars are the same if their centres are closer than [`GATE`] times the larger radius plus twice the sum of
+/// their sigmas, which counts up to this.
 const GATE_M: f32 = 0.10;
 const GATE: f32 = 0.5;
-/// In place of a number of scans: to be forgotten.
+/// In place of a number of scans: the circle is to be forgotten.
 const DOOMED: u8 = u8::MAX;
-/// The same: seen in the scan that is being taken in, and no other pillar of that scan can be it.
+/// In place of a number of scans: seen in the scan that is being processed; no other pillar of that scan can match it.
 const AVERAGED: u8 = u8::MAX - 1;
-/// A hit farther behind a circle's front than this speaks against the circle.
+/// A hit farther behind a circle's front than this is evidence against the circle.
 const FRONT_M: f32 = 0.08;
 
-/// What the map needs to know.
+/// Configuration of the map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
     /// A circle that moves is forgotten when unseen for this long.
     pub moving_memory_s: f32,
-    /// Looks through a circle before it is forgotten.
+    /// Number of scans in a row that see through a circle before it is forgotten.
     pub clear_scans: u8,
     /// A hit this close to a known circle is part of it.
     pub cover_m: f32,
-    /// Slower than this nothing moves.
+    /// A circle slower than this counts as standing.
     pub moving_min_mps: f32,
 }
 
@@ -102,7 +108,7 @@ pub struct Mapper {
     config: Config,
 }
 
-/// Where a remembered circle comes from.
+/// The origin of a remembered circle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Origin {
     /// Delivered as a circle.
@@ -119,7 +125,8 @@ struct Known {
     radius_m: f32,
     /// Standard deviation of centre and radius.
     sigma_m: f32,
-    /// Of what is round: its velocity, if it moves. Of a patch, which never does: the unit vector towards where it was seen from.
+    /// For a round circle: its velocity, if it moves. For a patch, which never moves: the unit vector towards where it
+    /// was seen from.
     slope_or_front: Horizontal,
     seen_ms: u32,
     motion: Motion,
@@ -136,7 +143,7 @@ impl Known {
         if self.motion.moves() { self.slope_or_front } else { Horizontal::default() }
     }
 
-    /// By how much its reported radius is larger than the measured one: not at all if it was delivered.
+    /// Amount by which its reported radius is larger than the measured one: zero if it was delivered.
     fn inflation_m(&self) -> f32 {
         if self.origin == Origin::Given { 0.0 } else { INFLATION_SIGMAS * self.sigma_m }
     }
@@ -156,7 +163,7 @@ impl Known {
 pub struct Map {
     known: Vec<Known, CIRCLES_MAX>,
     taken: Option<Instant>,
-    /// Until when the moving circles have been carried along.
+    /// Time to which the moving circles have been predicted.
     carried: Instant,
     /// The circle that was checked last for being covered by others.
     asked: usize,
@@ -178,29 +185,29 @@ impl Map {
         self.known.iter().map(Known::circle)
     }
 
-    /// The same for a plan.
+    /// The same in the planner's form.
     pub fn discs(&self) -> impl Iterator<Item = Disc> + Clone {
         let disc = |known: &Known| {
-            // Towards zero, and at most 65 m.
+            // The cast rounds towards zero, and saturates at 65 m.
             let sigma_mm = (1000.0 * known.inflation_m()) as u16;
             Disc { sigma_mm, ..Disc::from(known.circle()) }
         };
         self.known.iter().map(disc)
     }
 
-    /// When the newest scan was measured that has been taken in, even if it hit nothing.
+    /// Time of measurement of the newest processed scan, even if it hit nothing.
     #[must_use]
     pub fn taken(&self) -> Option<Instant> {
         self.taken
     }
 
-    /// Circles that were dropped because the store was full or their delivery too long.
+    /// Number of circles dropped because the store was full or their delivery too long.
     #[must_use]
     pub fn overflow_count(&self) -> u32 {
         self.overflow_count
     }
 
-    /// Circles and hits refused because they were not finite, negative or absurd.
+    /// Number of circles and hits refused because they were not finite, negative or implausible.
     #[must_use]
     pub fn refused_count(&self) -> u32 {
         self.refused_count
@@ -210,14 +217,15 @@ impl Map {
         self.refused_count = self.refused_count.saturating_add(count);
     }
 
-    /// A scan has been taken in. What is newer than now was stamped by a clock that has been set back since.
+    /// Records that a scan has been processed. A recorded time later than now came from a clock that has been set back
+    /// since.
     fn note_taken(&mut self, time: Instant, now: Instant) {
         if self.taken.is_none_or(|taken| taken <= time || taken > now) {
             self.taken = Some(time);
         }
     }
 
-    /// Forgets what is to be forgotten.
+    /// Removes the circles marked as to be forgotten.
     fn sweep(&mut self) {
         let mut at = self.known.len();
         while at > 0 {
@@ -228,7 +236,8 @@ impl Map {
         }
     }
 
-    /// Adds a circle. When the store is full it replaces one that is to be forgotten, or else the farthest from the vehicle.
+    /// Adds a circle. When the store is full it replaces one that is to be forgotten, or else the farthest from the
+    /// vehicle.
     fn add(&mut self, index: &mut Index, known: Known) {
         let at = self.known.len();
         let Err(known) = self.known.push(known) else { return index.place(at, &known) };
@@ -246,7 +255,7 @@ impl Map {
 }
 
 impl Mapper {
-    /// Takes in what was fitted to a scan: what it sees through is forgotten in time.
+    /// Processes the circles fitted to a scan; circles that scans see through are forgotten after some scans.
     pub fn observe_scan(&self, map: &mut Map, now: Instant, scan: &Scan, pose: &Pose, segmentation: &Segmentation) {
         self.begin_look(map, now);
         self.judge(map, scan, pose);
@@ -254,7 +263,7 @@ impl Mapper {
         self.take_in(map, now, segmentation);
     }
 
-    /// Takes in what was fitted to points. Nothing is forgotten because of it: points do not show where there is nothing.
+    /// Processes the circles fitted to points. No circle is forgotten because of points: they do not show free space.
     pub fn observe_points(&self, map: &mut Map, now: Instant, segmentation: &Segmentation) {
         self.begin_look(map, now);
         self.take_in(map, now, segmentation);
@@ -280,7 +289,7 @@ impl Mapper {
         map.sweep();
     }
 
-    /// Takes in circles from a sensor that delivers circles, as of now: they replace what was known.
+    /// Processes circles from a sensor that delivers circles, as of now: they replace what was known there.
     ///
     /// # Errors
     /// None of the circles is plausible.
@@ -319,7 +328,7 @@ impl Mapper {
             let near_m = 0.05 + 0.25 * circle.radius_m;
             let reach_m = circle.radius_m + STICK_OUT_M;
             let near = index.near(circle.center_ned_m, if reach_m > near_m { reach_m } else { near_m });
-            // What was pieced together from hits is superseded where the sensor names the whole.
+            // Circles fitted to hits are replaced where the sensor delivers the whole obstacle.
             for at in near {
                 if let Some(pieced) = map.known.get_mut(at).filter(|k| k.origin != Origin::Given && holds(circle, k)) {
                     pieced.clear_scans = DOOMED;
@@ -342,7 +351,7 @@ impl Mapper {
         Ok(())
     }
 
-    /// Forgets what was pieced together from hits where moving objects are now.
+    /// Forgets circles fitted to hits where moving objects are now.
     #[inline(never)]
     pub fn vacate(&self, map: &mut Map, centers_ned_m: &[Horizontal], radius_m: f32) {
         let squared_m2 = radius_m * radius_m;
@@ -353,7 +362,7 @@ impl Mapper {
         }
     }
 
-    /// Carries moving circles along and forgets those that were unseen for too long.
+    /// Moves circles on with their velocity, and forgets moving ones that were unseen for too long.
     pub fn advance(&self, map: &mut Map, now: Instant) {
         if map.carried == now {
             return;
@@ -371,7 +380,7 @@ impl Mapper {
         });
     }
 
-    /// Averages a pillar into the known one that it is.
+    /// Averages a pillar into the known one that it matches.
     fn refine(
         &self,
         known: &mut Known,
@@ -400,7 +409,8 @@ impl Mapper {
             let sigma_m = known.sigma_m * sqrt(1.0 - share);
             known.sigma_m = if sigma_m > SIGMA_MIN_M { sigma_m } else { SIGMA_MIN_M };
             if !covers(known) {
-                // It is something else, too, or was taken for something else: what is known stays until it is seen through.
+                // The average does not cover the hits, so it was another obstacle in part: the known pillar stays as it
+                // was until scans see through it.
                 *known = before;
                 return;
             }
@@ -409,7 +419,7 @@ impl Mapper {
         known.seen_ms = now_ms;
     }
 
-    /// What was seen, as it would be remembered; nothing, and counted, if it is absurd.
+    /// The detection in the form of the store; `None`, and counted as refused, if it is implausible.
     fn known_of(&self, map: &mut Map, now: Instant, seen: &Detection) -> Option<Known> {
         let known = Known {
             center_ned_m: seen.center_ned_m,
@@ -429,18 +439,18 @@ impl Mapper {
     }
 }
 
-/// The place of a circle that was delivered before as it is now. A sensor that names what stands still does so in the same
-/// order each time: the search begins behind the last one that was found.
+/// The place of a circle that was delivered before with the same values. A sensor usually delivers standing obstacles
+/// in the same order each time, so the search begins after the last one found.
 fn seen_before(known: &[Known], mut near: Places, circle: &Circle, next: usize) -> Option<usize> {
     let is_it = |at: &usize| known.get(*at).is_some_and(|k| k.circle() == *circle && k.origin == Origin::Given);
     Some(next).filter(is_it).or_else(|| near.find(is_it))
 }
 
-/// The place of what a circle is another measurement of.
+/// The place of the known circle that a circle is another measurement of.
 fn seen_nearby(known: &[Known], mut near: Places, circle: &Circle, near_m: f32, now_ms: u32) -> Option<usize> {
     near.find(|at| {
         let Some(k) = known.get(*at).filter(|k| k.clear_scans != DOOMED) else { return false };
-        // Two circles of one delivery are two obstacles, however near, unless they are one and the same.
+        // Two circles of one delivery are two obstacles, however near, unless they are equal.
         if k.seen_ms == now_ms && k.origin == Origin::Given {
             return false;
         }
@@ -449,7 +459,7 @@ fn seen_nearby(known: &[Known], mut near: Places, circle: &Circle, near_m: f32, 
     })
 }
 
-/// The unit vector from a patch towards where it is seen from. Round ones have no such vector, and are assumed to stand at first.
+/// The unit vector from a patch towards where it is seen from. Round circles get zero instead, their initial velocity.
 fn front_of(seen: &Detection) -> Horizontal {
     if seen.kind != Kind::Patch {
         return Horizontal::default();
@@ -458,19 +468,19 @@ fn front_of(seen: &Detection) -> Horizontal {
     front.times(inverse_root(front.norm_squared()))
 }
 
-/// Whether a circle is inside another, but for what a bad fit may stick out.
+/// Whether a circle is inside another, except for what a bad fit may stick out.
 fn holds(outer: &Circle, inner: &Known) -> bool {
     let reach_m = outer.radius_m + STICK_OUT_M - inner.radius_m;
     let away = outer.center_ned_m.minus(inner.center_ned_m);
     reach_m > 0.0 && away.norm_squared() < reach_m * reach_m
 }
 
-/// Wraps after seven weeks.
+/// Milliseconds; wraps after seven weeks.
 fn millis(now: Instant) -> u32 {
     (now.0 / 1000) as u32
 }
 
-/// Zero when the clock went back.
+/// Seconds from one time to another; zero if the clock went back.
 fn seconds_between(earlier_ms: u32, later_ms: u32) -> f32 {
     let ms = later_ms.wrapping_sub(earlier_ms) as i32;
     if ms > 0 { ms as f32 * 1e-3 } else { 0.0 }

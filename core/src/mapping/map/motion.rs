@@ -1,32 +1,34 @@
 //! Whether a pillar moves, and how fast: an alpha-beta filter with a memory that grows from scan to scan.
 //!
 //! With `k` evenly spaced scans so far the gains `alpha = 2 (2 k - 1) / (k (k + 1))`, `beta = 6 / (k (k + 1))` make the
-//! filter the least-squares straight line through all of them, whose slope has `sigma_v = sqrt(12) sigma / (dt k^1.5)`.
-//! From the tenth scan on `k` stays, and the filter forgets.
+//! filter equal to the least-squares straight line through all of them, whose slope has
+//! `sigma_v = sqrt(12) sigma / (dt k^1.5)`. From the tenth scan on `k` is constant, and older scans are gradually
+//! forgotten.
 
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 
-/// Memory of the filter.
+/// Memory of the filter, in scans.
 const SCANS_MAX: u8 = 10;
-/// A pause longer than this starts the line anew.
+/// A pause longer than this restarts the line.
 const PAUSE_S: f32 = 0.5;
-/// Centres that are less well known than this are not used for motion.
+/// Centres with a larger sigma than this are not used for motion.
 const SIGMA_MAX_M: f32 = 0.06;
-/// The change of the view shifts a centre by this much, slowly, whatever its sigma.
+/// Smallest sigma of a centre here: the change of view shifts a centre slowly by this much, whatever its sigma.
 const SIGMA_FLOOR_M: f32 = 0.015;
-/// Sigmas of the speed that count.
+/// Number of sigmas by which a speed must differ from zero to be significant.
 const SIGMAS: f32 = 4.0;
-/// Looks in a row that must count before it moves; as many must not before it stands.
+/// Number of significant scans in a row after which the pillar counts as moving; as many insignificant ones and it
+/// counts as standing.
 const STEADY: u8 = 3;
-/// Nothing that is averaged into one circle is faster.
+/// Upper limit of the speed.
 const SPEED_MAX_MPS: f32 = 20.0;
 
-/// State of the filter, but for the slope of its line, which is kept beside it to save memory.
+/// State of the filter, except the slope of its line, which is stored separately to save memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Motion {
     scans: u8,
-    /// Looks that counted, up to twice [`STEADY`].
+    /// Counter of significant scans, up to twice [`STEADY`]; an insignificant one decreases it.
     steady: u8,
 }
 
@@ -35,24 +37,24 @@ pub(super) struct Motion {
 pub(super) struct Sighting {
     pub(super) center: Horizontal,
     pub(super) sigma_m: f32,
-    /// Weight that its precision gives it.
+    /// Weight from its precision.
     pub(super) share: f32,
-    /// Time since the measurement before.
+    /// Time since the last measurement.
     pub(super) dt_s: f32,
 }
 
 impl Motion {
-    /// What a sensor said it is.
+    /// The state for a velocity reported by a sensor.
     pub(super) fn of(velocity_ned_mps: Horizontal) -> Self {
         Self { scans: SCANS_MAX, steady: if velocity_ned_mps.norm_squared() > 0.0 { 2 * STEADY } else { 0 } }
     }
 
-    /// Whether it moves: whether the slope of the line is its velocity.
+    /// Whether the pillar moves, so that the slope of the line is its velocity.
     pub(super) fn moves(self) -> bool {
         self.steady >= STEADY
     }
 
-    /// Where the centre is after one more measurement.
+    /// The centre after one more measurement.
     pub(super) fn step(
         &mut self,
         slope_mps: &mut Horizontal,
@@ -67,7 +69,7 @@ impl Motion {
             }
             return center.plus(seen.center.minus(center).times(seen.share));
         }
-        // What moves has been carried along already.
+        // The centre of a moving pillar has been predicted already.
         let ahead = if self.moves() { center } else { center.plus(slope_mps.times(seen.dt_s)) };
         self.scans = (self.scans + 1).min(SCANS_MAX);
         let k = f32::from(self.scans);

@@ -8,7 +8,7 @@ fn circle(north: f32, east: f32, radius_m: f32) -> Circle {
     Circle { center_ned_m: Horizontal { north, east }, radius_m, ..Circle::default() }
 }
 
-/// A look from the origin at one pillar by its front.
+/// A scan from the origin that sees the front of one pillar.
 fn pillar(north: f32, east: f32, radius_m: f32, sigma_m: f32) -> Segmentation {
     let center_ned_m = Horizontal { north, east };
     let face_ned_m = center_ned_m.times(1.0 - radius_m / center_ned_m.norm());
@@ -33,7 +33,7 @@ fn mapper() -> Mapper {
     Config::default().build().unwrap()
 }
 
-/// The circles as they were measured, without the doubt that is added to what is told.
+/// The circles as they were measured, without the sigma that is added to the reported radius.
 fn measured(map: &Map) -> impl Iterator<Item = Circle> {
     map.known.iter().map(|known| Circle { radius_m: known.radius_m, ..known.circle() })
 }
@@ -72,7 +72,7 @@ fn a_post_stays_known_when_only_its_neighbour_15_centimetres_away_is_seen_any_mo
         let look = pillar(2.0, 0.0, 0.075, 0.01);
         mapper.observe_scan(&mut map, Instant(1), &unknown_scan(), &Pose::default(), &look);
     }
-    // Seen as far too large as a part of a row may look, then better, then well.
+    // First much too large, as a part of a row of pillars can seem, then better, then accurate.
     for (radius_m, sigma_m) in [(0.15, 0.05), (0.09, 0.04), (0.075, 0.01)] {
         let look = pillar(2.0, 0.15, radius_m, sigma_m);
         mapper.observe_scan(&mut map, Instant(2), &unknown_scan(), &Pose::default(), &look);
@@ -85,7 +85,7 @@ fn a_post_stays_known_when_only_its_neighbour_15_centimetres_away_is_seen_any_mo
 #[test]
 fn a_guess_from_far_is_forgotten_when_its_pillar_is_measured_from_near() {
     let (mapper, mut map) = (mapper(), Map::default());
-    // Two guesses on either side of it, too far apart to be one; then the pillar.
+    // Two inaccurate circles on either side of it, too far apart to be merged; then the pillar.
     for (east, radius_m, sigma_m) in [(0.2, 0.12, 0.06), (0.0, 0.05, 0.14), (0.105, 0.12, 0.005)] {
         let look = pillar(2.0, east, radius_m, sigma_m);
         mapper.observe_scan(&mut map, Instant(1), &unknown_scan(), &Pose::default(), &look);
@@ -146,7 +146,7 @@ fn circles_of_one_delivery_that_stand_close_together_are_all_kept_and_a_repeated
 
 #[test]
 fn a_hit_of_a_wide_sector_may_be_of_what_stands_beside_it_at_its_distance_and_a_ray_may_not() {
-    // A lone hit straight ahead, a hand's breadth beside a pillar, and the pillar nearer than the hit.
+    // A single hit straight ahead, about 10 cm beside a pillar, and the pillar nearer than the hit.
     for (beside_rad, east, nearer_m, circles) in [
         (0.0, 0.05, 0.0, 2),
         (0.03, 0.05, 0.0, 1),
@@ -189,7 +189,7 @@ fn absurd_circles_are_refused() {
         [circle(f32::NAN, 0.0, 0.2), circle(0.0, 0.0, -1.0), circle(0.0, 0.0, f32::INFINITY), circle(0.0, 0.0, 1e9)];
     mapper.observe_circles(&mut map, Instant(0), Horizontal::default(), &bad).unwrap_err();
     assert_eq!((map.circles().count(), map.refused_count(), map.taken()), (0, 4, None));
-    // One good one among them is taken.
+    // A valid one among them is accepted.
     let one = [bad[0], circle(1.0, 0.0, 0.2)];
     mapper.observe_circles(&mut map, Instant(3), Horizontal::default(), &one).unwrap();
     assert_eq!((map.circles().count(), map.refused_count(), map.taken()), (1, 5, Some(Instant(3))));
@@ -234,7 +234,7 @@ fn the_newest_look_counts_and_a_clock_that_was_set_back_does_not_keep_an_old_one
     assert_eq!(take(100, 90), Some(Instant(90)), "the clock was set back");
 }
 
-/// Straight walls (north, east, north, east) and pillars (north, east, radius), as a scanner sees them.
+/// Straight walls (north, east, north, east) and pillars (north, east, radius), as seen by a scanner.
 #[derive(Default)]
 struct World {
     walls: StdVec<[f64; 4]>,
@@ -289,8 +289,8 @@ impl World {
     }
 }
 
-/// How far the worst point of a look lies out of the nearest circle. One that a wide sector tells from afar may lie anywhere
-/// in it.
+/// How far the worst point of a scan lies outside the nearest circle. A point reported by a wide sector from a distance
+/// may lie anywhere in it.
 fn uncovered_m(map: &Map, look: &Segmentation) -> f32 {
     let out = |(index, point): (usize, &Horizontal)| {
         let side = look.sides.get(index).map_or(0.0, |side| 0.01 * f32::from(*side));
@@ -439,7 +439,7 @@ fn standing_pillars_do_not_seem_to_move_however_the_view_of_them_changes() {
         for flight in 0..10 {
             let (mapper, mut map) = (mapper(), Map::default());
             for look in 0..40 {
-                // 1 m/s past them, the nose swinging.
+                // 1 m/s past them, with the nose turning left and right.
                 let along = 0.1 * f64::from(look) - 1.5;
                 let place = (0.2 * f64::from(flight) - 1.4, along);
                 let yaw = 0.6 * (0.15 * f64::from(look) + f64::from(flight)).sin();

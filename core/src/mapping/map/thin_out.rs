@@ -1,9 +1,9 @@
-//! When the store fills up, circles that others cover are forgotten: what is known to be occupied stays the same, and there
-//! is space for more of it.
+//! When the store fills up, circles that others cover are forgotten: the known occupied area stays the same, and there
+//! is space for more circles.
 //!
 //! A surface that is seen from several sides leaves more circles than it needs: patches from before its pillar was
-//! recognised, and between pillars. A few circles are checked before each scan is taken in, in turn: what of the scan is then not
-//! covered any more is added again.
+//! recognised, and between pillars. A few circles are checked, in turn, before each scan is processed, so that hits of
+//! the scan that are no longer covered are added again.
 
 use core::f32::consts::FRAC_1_SQRT_2;
 
@@ -11,21 +11,21 @@ use super::index::{Index, Places};
 use super::{AVERAGED, CIRCLES_MAX, DOOMED, Known, Map, Mapper, Origin};
 use crate::base::ned::Horizontal;
 
-/// From so many circles on.
+/// Number of circles from which on circles are checked.
 const FULL: usize = CIRCLES_MAX * 3 / 4;
-/// Circles that are checked in a scan.
+/// Number of circles checked per scan.
 const ASKED: usize = 12;
-/// The rim of a covered circle sticks out of the others by this much at most, where it is checked.
+/// Largest distance by which the rim of a covered circle may stick out of the others, where it is checked.
 const STICK_OUT_M: f32 = 0.02;
-/// The middle of a patch's chord sticks out of the others by this much at most: nothing fits in there.
+/// Largest distance by which the middle of a patch's chord may stick out of the others: no obstacle fits in there.
 const BETWEEN_M: f32 = 0.08;
-/// Larger pillars are not checked: the places on their rim are too far apart.
+/// Larger pillars are not checked: the checked places on their rim would be too far apart.
 const RADIUS_MAX_M: f32 = 0.3;
-/// Nor are patches of a longer chord: it is checked in the middle alone.
+/// Patches with a longer chord are not checked: between its ends, only the middle is tested.
 const CHORD_MAX_M: f32 = 0.45;
 const COS_30: f32 = 0.8660254;
 const TAN_30: f32 = 0.57735026;
-/// Where its rim is checked: every 15 degrees.
+/// Directions in which the rim is checked: every 15 degrees.
 const RIM: [(f32, f32); 24] = [
     (1.0, 0.0),
     (0.9659258, 0.258819),
@@ -54,7 +54,7 @@ const RIM: [(f32, f32); 24] = [
 ];
 
 impl Mapper {
-    /// Forgets those of the next few circles that others cover, if the store is filling up.
+    /// Forgets those of the next few circles that others cover, if the store fills up.
     pub(super) fn thin_out(&self, map: &mut Map, index: &mut Index) {
         if map.known.len() < FULL {
             return;
@@ -71,12 +71,12 @@ impl Mapper {
     }
 }
 
-/// Whether other circles cover one, as far as they were measured and not their doubt: those that stand, through which nothing has
-/// been seen, and which may stand for it.
+/// Whether other circles cover one, by their measured radii without sigma. Only standing circles count that no scan has
+/// seen through and that may replace it.
 ///
-/// Of what is round the whole rim has to be covered. A patch is known by its front alone: by the two ends of its chord. What
-/// was seen between them was seen as a gap that is too narrow for a hit, if at all, and the bulge in front of it is nothing but
-/// the circle's.
+/// The whole rim of a round circle has to be covered. Of a patch only the front is known: the two ends of its chord
+/// must be covered. Between them there is at most a gap too narrow for a hit, and the bulge in front of the chord
+/// belongs to the circle only, not to the surface.
 fn is_covered(all: &[Known], index: &Index, at: usize) -> bool {
     let is_asked = |known: &&Known| known.origin != Origin::Given && stands(known);
     let Some(known) = all.get(at).filter(is_asked) else { return false };
@@ -91,7 +91,7 @@ fn is_covered(all: &[Known], index: &Index, at: usize) -> bool {
                 is_in_others(center.plus(side.times(circle.radius_m)), STICK_OUT_M)
             });
     }
-    // Its radius is its chord's length, where there is one: the ends lie 30 degrees to either side of its front.
+    // Its radius is the length of its chord, if it has one: the ends lie 30 degrees to either side of its front.
     let middle = known.slope_or_front.times(COS_30 * known.radius_m);
     let end = Horizontal { north: -middle.east, east: middle.north }.times(TAN_30);
     let middle = center.plus(middle);
@@ -101,7 +101,7 @@ fn is_covered(all: &[Known], index: &Index, at: usize) -> bool {
         && is_in_others(middle, BETWEEN_M)
 }
 
-/// Whether a place is in one of the circles that may stand for a known one, or sticks out of it by a little.
+/// Whether a place is in one of the circles that may replace a known one, or sticks out of it by at most `slack_m`.
 #[inline(never)]
 fn is_in_others(all: &[Known], mut near: Places, at: usize, known: &Known, place: Horizontal, slack_m: f32) -> bool {
     near.any(|other| {
@@ -111,7 +111,8 @@ fn is_in_others(all: &[Known], mut near: Places, at: usize, known: &Known, place
     })
 }
 
-/// Whether a circle may stand for another: a patch does not cover a pillar, nor what was seen from its other side.
+/// Whether a circle may replace another: a patch does not cover a pillar, nor a patch that was seen from its other
+/// side.
 fn may_stand_for(one: &Known, other: &Known) -> bool {
     one.is_round() || !other.is_round() && one.slope_or_front.dot(other.slope_or_front) > 0.0
 }
@@ -147,7 +148,7 @@ mod tests {
         }
     }
 
-    /// Each with four patches, more than fill the store up.
+    /// Pillars with four patches each: together more than [`FULL`] circles.
     const PILLARS: usize = FULL / 4;
 
     /// A row of pillars, each with patches that lie in it and beside it.
@@ -165,7 +166,7 @@ mod tests {
         map
     }
 
-    /// As many looks that see nothing.
+    /// The given number of scans that see nothing.
     fn look(map: &mut Map, looks: u64) {
         let mapper = Config::default().build().unwrap();
         for at in 0..looks {
@@ -195,7 +196,7 @@ mod tests {
                     let end = lost.center_ned_m.plus(end);
                     let outside = |c: &Circle| end.minus(c.center_ned_m).norm() - c.radius_m;
                     let nearest = after.iter().map(outside).fold(f32::INFINITY, f32::min);
-                    // Twice where what covered it was covered in its turn.
+                    // Twice, where the covering circle was covered by another one in turn.
                     assert!(nearest < 2.0 * STICK_OUT_M, "{lost:?}: {nearest}");
                 }
             }
@@ -210,12 +211,12 @@ mod tests {
         {
             let mut map = Map::default();
             let kind = if is_other_round { Kind::Pillar } else { Kind::Patch };
-            // More than the store asks about, so that it asks about all of them.
+            // Enough circles that the store checks them, and that all of them get their turn.
             for at in 0..FULL {
                 let center = Horizontal { north: 0.33 * at as f32, east: 2.0 };
                 map.known.push(known(center, 0.2, Origin::Seen(kind))).unwrap();
             }
-            // From the foremost point of one to that of the next.
+            // From the front of one to the front of the next.
             let chord_m = 0.33;
             let middle = Horizontal { north: 0.33 * 10.5, east: 2.0 }.plus(seen_from.times(0.2 - COS_30 * chord_m));
             let link = Known { slope_or_front: seen_from, ..known(middle, chord_m, Origin::Seen(Kind::Patch)) };

@@ -1,9 +1,10 @@
-//! What is no pillar: surfaces of any shape, covered by a chain of small circles.
+//! Surfaces that are not pillars, of any shape, are covered by a chain of small circles.
 //!
-//! A link of the chain spans a chord of the surface. Its circle has the chord for radius and touches both ends, so that
-//! between them it bulges out by 0.13 chords at most: 2 cm for the longest chord that is chosen, more only where the hits
-//! themselves are farther apart. Neighbouring links share an end, so that the chain has no gap. Towards an edge past
-//! which the sensor sees, links become short, so that the chain does not stick out beyond it by more than 2 cm or so.
+//! A link of the chain spans a chord of the surface. Its circle's radius is the length of the chord, and it touches
+//! both ends. So between them it bulges out by 0.13 chords at most: 2 cm for the longest chord used, more only where
+//! the hits themselves are farther apart. Neighbouring links share an end, so that the chain has no gap. Towards an
+//! edge past which the sensor sees, links become shorter, so that the chain sticks out beyond the edge by about 2 cm at
+//! most.
 
 use crate::base::ned::Horizontal;
 
@@ -16,10 +17,11 @@ const CHORD_MAX_M: f32 = 0.16;
 const CHORD_EDGE_M: f32 = 0.06;
 /// Growth of the chord with the distance from an edge.
 const GROWTH: f32 = 0.5;
-/// No hit between the ends of a link sticks out of its circle by more than this.
+/// Largest distance by which a hit between the ends of a link may stick out of its circle.
 const DIP_M: f32 = 0.01;
 
-/// One link: a circle, the points it spans (`from..to`) and the middle of its chord. Relative to the sensor, as the points.
+/// One link: a circle, the points it spans (`from..to`) and the middle of its chord. Relative to the sensor, like the
+/// points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Link {
     pub(super) center: Horizontal,
@@ -36,8 +38,8 @@ pub(super) struct Edges {
     pub(super) last: bool,
 }
 
-/// The link over `points`, neighbours in order, that begins with the one at `from`, of at least `radius_min_m`; none where
-/// that is the end of the link before. The next one begins with its last.
+/// The link over `points` (in order) that begins with the point at `from`, with a radius of at least `radius_min_m`;
+/// `None` if that point is the end of the last link. The next link begins with this link's last point.
 pub(super) fn next(points: &[Horizontal], edges: Edges, radius_min_m: f32, from: usize) -> Option<Link> {
     let (begin, end, start) = (*points.first()?, *points.last()?, *points.get(from)?);
     let to_edge = |is_edge: bool, edge: Horizontal| {
@@ -65,7 +67,7 @@ fn span(part: &[Horizontal], from: usize, radius_min_m: f32) -> Option<Link> {
     let (a, b) = (*part.first()?, *part.last()?);
     let (chord, face) = (b.minus(a), a.plus(b).times(0.5));
     let chord_m = root(chord.norm_squared());
-    // Away from the sensor, square to the chord where there is one to speak of.
+    // Away from the sensor, perpendicular to the chord if it is long enough.
     let behind = if chord_m > 0.02 {
         let side = if cross(chord, face) < 0.0 { -1.0 } else { 1.0 };
         Horizontal { north: -chord.east, east: chord.north }.times(side / chord_m)

@@ -1,4 +1,5 @@
-//! A circle through points on an arc: Taubin's fit (1991), unbiased to first order where Kasa's shrinks short arcs.
+//! A circle through points on an arc: Taubin's fit (1991), which is unbiased to first order, while Kasa's fit makes
+//! short arcs too small.
 //!
 //! In the principal axes of the centred points (x along the chord, y along the sagitta, `z = x^2 + y^2`, `M` means) the
 //! fit is the smallest eigenvalue `eta` of a symmetric arrow matrix, the smallest root of
@@ -8,39 +9,39 @@
 //!     p = (Mzz - Mz^2) / 4 Mz,   u = Mxz / 2 sqrt(Mz),   v = Myz / 2 sqrt(Mz)
 //! ```
 //!
-//! which is convex below it, so that Newton's steps from 0 rise to it and never pass it. Then the centre is
-//! `(Mxz / 2 (Mxx - eta), Myz / 2 (Myy - eta))` and `R^2 = |centre|^2 + Mz`. Nothing here subtracts large numbers, which
-//! is what the usual expansion into a polynomial suffers from in single precision.
+//! which is convex below the root, so that Newton's steps from 0 rise to it and never pass it. Then the centre is
+//! `(Mxz / 2 (Mxx - eta), Myz / 2 (Myy - eta))` and `R^2 = |centre|^2 + Mz`. Nothing here subtracts large numbers,
+//! unlike the usual expansion into a polynomial, which loses digits in single precision.
 //!
-//! How well the radius is known: noise `s` on `n` points over a half arc `phi` leaves the sagitta's curvature with
+//! Accuracy of the radius: noise `s` on `n` points over a half arc `phi` leaves the sagitta's curvature with
 //! `sigma_r = 6.7 s / (sqrt(n) phi^2)` (least-squares parabola through evenly spaced points).
 
 use crate::base::math::{inverse_root, sqrt};
 use crate::base::ned::Horizontal;
 
-/// Newton steps; three do for clean arcs, the rest is for noise.
+/// Largest number of Newton steps; three are enough for clean arcs, the rest is for noise.
 const STEPS: usize = 6;
-/// No sensor is better than this: quantisation to whole centimetres.
+/// Lower limit of the measurement noise: quantisation to whole centimetres.
 const NOISE_MIN_M: f32 = 0.003;
 
-/// Larger ones are straight lines.
+/// Larger circles count as straight lines.
 const RADIUS_MAX_M: f32 = 1e5;
-/// Where a miss is so much smaller than the radius that `d + R` is `2 R`.
+/// Radius beyond which a miss is so small in comparison that `d + R` is taken as `2 R`.
 const FLAT_M: f32 = 10.0;
 
-/// What a fit found.
+/// Result of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Circle {
     pub(super) center: Horizontal,
     pub(super) radius_m: f32,
-    /// The point that it misses most, and by how much.
+    /// The point farthest from the circle, and its distance.
     pub(super) worst: usize,
     pub(super) residual_m: f32,
     /// Standard deviation of the radius; that of the centre is no larger.
     pub(super) sigma_m: f32,
 }
 
-/// The circle through `points`; `None` for fewer than three, for points on a line, and where numbers end.
+/// The circle through `points`; `None` for fewer than three, for points on a line, and if a number is not finite.
 pub(super) fn fit(points: &[Horizontal]) -> Option<Circle> {
     let (first, last) = (points.first()?, points.last()?);
     if points.len() < 3 {
@@ -73,13 +74,14 @@ pub(super) fn fit(points: &[Horizontal]) -> Option<Circle> {
         let head = p - eta - u2 * across;
         let slope = -(1.0 + u2 * across * across) * (yy - eta) - head;
         let step = (head * (yy - eta) - v2) / slope;
-        // Below the root both are what they are in the module's text; rounding may say otherwise once there.
+        // Below the root the signs are as in the module's text; at the root rounding may change them.
         if !(step < 0.0) || !(eta - step < yy) {
             break;
         }
         eta -= step;
     }
-    // From the centroid, in the principal axes and back from them. It and the mean square make the radius.
+    // The centre relative to the centroid, converted from the principal axes. The radius follows from it and the mean
+    // square.
     let center = Horizontal { north: 0.5 * xz / (xx - eta), east: 0.5 * yz / (yy - eta) };
     let center = axis.times(center.north).plus(right_of(axis).times(center.east));
     let radius_m = root(center.norm_squared() + z);
@@ -108,7 +110,7 @@ pub(super) fn fit(points: &[Horizontal]) -> Option<Circle> {
     Some(Circle { center, radius_m, worst, residual_m, sigma_m })
 }
 
-/// Square root of what is not negative, within a millionth, in a third of what `libm`'s takes on the target.
+/// Square root of a number >= 0, within a millionth, in a third of the time of `libm`'s on the target.
 pub(super) fn root(x: f32) -> f32 {
     x * inverse_root(x)
 }
@@ -229,7 +231,7 @@ mod tests {
                 for _ in 0..40 {
                     let points = arc((1.5, -0.7), radius, arc_deg, 16, 0.003, &mut rng);
                     let found = fit(&single(&points)).unwrap();
-                    // Where the sagitta drowns there is nothing to agree about.
+                    // Where the sagitta is less than the noise, the fits are not compared.
                     let sagitta = radius * (1.0 - (arc_deg.to_radians() / 2.0).cos());
                     if sagitta < 5.0 * 0.003 {
                         let off = (f64::from(found.radius_m) - radius).abs() / f64::from(found.sigma_m);

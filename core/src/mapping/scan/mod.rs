@@ -1,20 +1,20 @@
-//! Obstacle scans and points, and the circles behind them.
+//! Obstacle scans and points, and the circles fitted to them.
 //!
-//! A scan is sectors of distance around the nose, as `OBSTACLE_DISTANCE` brings them; [`Points`] are single hits in any
-//! order. A narrow sector is one ray. A wide one gives the nearest of several rays, so that its hit lies on the side on which
-//! the surface comes nearer, not in the middle: assumed in the middle, it makes pillars wider by half a sector at either side.
-//! Neighbouring hits whose distance does not jump belong together. Each such run becomes
+//! A scan consists of sectors of distance around the nose, as in `OBSTACLE_DISTANCE`; [`Points`] are single hits in any
+//! order. A narrow sector is one ray. A wide one reports the nearest of several rays, so its hit lies on the side on
+//! which the surface comes nearer, not in the middle: to assume the middle would make pillars wider by half a sector at
+//! either side. Neighbouring hits without a jump in distance form a run. Each run becomes
 //!
-//! - a pillar, where one circle passes within [`Config::residual_max_m`] of all its hits, is curved towards the sensor, has
-//!   a radius that the arc determines, and does not reach into directions that are seen to be free (Taubin's fit; what
-//!   is too short for it but free on both sides takes its radius from the angle it fills);
-//! - two pieces, cut where the circle misses most, where one does not;
-//! - a chain of small circles, where it is flat, hollow or short: walls, corners, what is half hidden.
+//! - a pillar, if a circle passes within [`Config::residual_max_m`] of all its hits, is curved towards the sensor, has
+//!   a radius that the arc determines, and does not reach into directions that are seen to be free (Taubin's fit; a run
+//!   that is too short for it but free on both sides gets its radius from its angular width);
+//! - two pieces, cut at the hit farthest from the circle, if the circle does not pass near all hits;
+//! - a chain of small circles, if it is flat, hollow or short: walls, corners, partly hidden obstacles.
 //!
-//! Whatever it becomes, every hit lies in a circle or within 2 cm of it. A direction without a hit yields nothing. The main
-//! paper fits circles to the points of a cloud in the same place (section IV) and does not describe how.
+//! In every case each hit lies in a circle or within 2 cm of it. A direction without a hit yields no circle. In this
+//! processing step the main paper fits circles to the points of a cloud (section IV) and does not describe how.
 //!
-//! The cost is bounded: circles are fitted to 160 points of a scan at most, the rest becomes chains.
+//! The cost is bounded: circles are fitted to 160 points of a scan at most; the rest becomes chains.
 
 use heapless::Vec;
 
@@ -34,39 +34,40 @@ use circle::root;
 
 pub use rays::{Ranges, Rays, Sectors};
 
-/// Most rays one scan can hold.
+/// Largest number of rays in a scan.
 pub const RAYS_MAX: usize = 360;
-/// Most sectors that circles are made from; of a scan of more rays, several make a sector.
+/// Largest number of sectors that circles are fitted to; in a scan of more rays, several rays form a sector.
 pub const SECTORS_MAX: usize = 72;
-/// Most points one delivery can hold.
+/// Largest number of points in one delivery.
 pub const POINTS_MAX: usize = 72;
-/// Most circles that one scan or delivery of points yields: one a hit.
+/// Largest number of circles from one scan or delivery of points: one per hit.
 pub const DETECTIONS_MAX: usize = POINTS_MAX;
 
-/// Fewest hits that a circle is fitted to.
+/// Smallest number of hits that a circle is fitted to.
 const FIT_MIN: usize = 5;
-/// Circles are fitted to so many points of one scan in all, those of a cut piece counted again; the rest becomes chains.
+/// Largest total number of points of one scan that circles are fitted to, where the points of a cut piece count again;
+/// the rest becomes chains.
 const FITS_MAX: usize = 160;
-/// Two neighbours whose distances differ by more are two obstacles, however wide the sectors are.
+/// Two neighbours whose distances differ by more than this are two obstacles, however wide the sectors are.
 const JUMP_MAX_M: f32 = 0.30;
-/// How far a pillar may reach into a direction that is seen to be free.
+/// Largest distance by which a pillar may reach into a direction that is seen to be free.
 const REACH_M: f32 = 0.03;
-/// Rays are so far apart at most, 1.25 degrees and a little: a wider sector gives the nearest of several.
+/// Largest angle between rays, slightly more than 1.25 degrees: a wider sector reports the nearest of several rays.
 const RAY_STEP_MAX_RAD: f32 = 0.0219;
-/// Nothing is measured from farther away.
+/// Largest plausible range of a sensor, and distance of a hit.
 const RANGE_MAX_M: f32 = 1e3;
-/// Nothing that a ray measures is farther away: it has two bytes for its millimetres.
+/// Largest range of a ray: it is stored in millimetres, in two bytes.
 pub const RAY_MAX_M: f32 = 65.5;
 
-/// What one sector of a scan measured.
+/// The measurement of one sector of a scan.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Sector {
-    /// Nothing is known: not covered, or the sensor said so.
+    /// Unknown: not covered, or reported as unknown by the sensor.
     #[default]
     Unknown,
-    /// Looked at and empty as far as the sensor reaches.
+    /// Scanned and empty up to the sensor's range.
     Clear,
     /// The nearest obstacle, metres from the vehicle's centre.
     Hit(f32),
@@ -75,7 +76,7 @@ pub enum Sector {
 /// One sweep of an obstacle sensor, in the body frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scan {
-    /// When it was measured, as well as known.
+    /// Estimated time of measurement.
     pub time: Instant,
     /// Azimuth of ray 0, or of the middle of sector 0, from the nose, clockwise positive.
     pub first_azimuth_rad: f32,
@@ -88,7 +89,7 @@ pub struct Scan {
 }
 
 impl Scan {
-    /// Whether its numbers mean a sensor.
+    /// Whether its angles and range are plausible for a sensor.
     #[must_use]
     pub fn is_plausible(&self) -> bool {
         let width_rad = libm::fabsf(self.step_rad);
@@ -98,7 +99,7 @@ impl Scan {
             && self.range_max_m <= RANGE_MAX_M
     }
 
-    /// Rays of a full turn, if these are one: then the last is a neighbour of the first.
+    /// Number of rays if they cover a full turn: then the last is a neighbour of the first.
     #[must_use]
     #[inline(never)]
     pub fn turn(&self) -> Option<usize> {
@@ -110,19 +111,19 @@ impl Scan {
         closes.then_some(count as usize)
     }
 
-    /// The same in no more than so many sectors.
+    /// The same in at most `sectors_max` sectors.
     #[must_use]
     pub fn in_sectors(&self, sectors_max: usize) -> Sectors<'_> {
         Sectors::new(self, sectors_max)
     }
 
-    /// Whether it has more rays than circles are made from.
+    /// Whether it has more rays than circles are fitted to.
     #[must_use]
     pub const fn is_fine(&self) -> bool {
         self.rays.len() > SECTORS_MAX
     }
 
-    /// The ray at an index that may lie a turn off; unknown where there is none.
+    /// The ray at an index that may be off by a full turn; unknown if there is no such ray.
     #[must_use]
     pub fn sector(&self, index: i32) -> Sector {
         let index = match self.turn() {
@@ -133,7 +134,7 @@ impl Scan {
     }
 }
 
-/// What the axes of [`Points`] are.
+/// The axes of [`Points`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Frame {
     /// Forward and right of the vehicle (in the fields for north and east).
@@ -148,27 +149,27 @@ pub enum Frame {
 /// Single hits in any order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Points {
-    /// When they were measured, as well as known.
+    /// Estimated time of measurement.
     pub time: Instant,
-    /// What their axes are.
+    /// Their axes.
     pub frame: Frame,
-    /// Where something is.
+    /// The hits' coordinates.
     pub points_m: Vec<Horizontal, POINTS_MAX>,
 }
 
-/// What the fit needs to know.
+/// Configuration of the fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
     /// Neighbouring hits farther apart than this, plus what the sector width explains, are two obstacles.
     pub gap_m: f32,
-    /// A circle that misses a point by more than this is no fit.
+    /// A circle farther than this from one of its points is refused.
     pub residual_max_m: f32,
-    /// Smallest radius that is accepted.
+    /// Smallest accepted radius.
     pub radius_min_m: f32,
-    /// Largest radius that is accepted; a wall becomes several circles.
+    /// Largest accepted radius; a wall becomes several circles.
     pub radius_max_m: f32,
-    /// Largest share of its radius that a pillar's radius may be uncertain by, one sigma.
+    /// Largest sigma of a pillar's radius, as a share of the radius.
     pub radius_doubt_max: f32,
 }
 
@@ -193,13 +194,13 @@ impl Config {
     }
 }
 
-/// What a detection is a circle of.
+/// The kind of obstacle that a detection represents.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Kind {
-    /// Something round, with a centre and a radius.
+    /// A round obstacle, with a centre and a radius.
     Pillar,
-    /// A piece of some surface: only its front means anything.
+    /// A piece of a surface: only its front is meaningful.
     #[default]
     Patch,
 }
@@ -208,7 +209,7 @@ pub enum Kind {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Detection {
-    /// What it is a circle of.
+    /// The kind of obstacle.
     pub kind: Kind,
     /// Centre, local NED.
     pub center_ned_m: Horizontal,
@@ -216,7 +217,7 @@ pub struct Detection {
     pub radius_m: f32,
     /// Standard deviation of centre and radius.
     pub sigma_m: f32,
-    /// Middle of the surface that it stands for, local NED.
+    /// Middle of the surface that it represents, local NED.
     pub face_ned_m: Horizontal,
     /// First of its points in the scan.
     pub from: u8,
@@ -224,52 +225,53 @@ pub struct Detection {
     pub to: u8,
 }
 
-/// Why what an obstacle sensor delivered is refused.
+/// Why a delivery of an obstacle sensor is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refusal {
-    /// Where the vehicle was is not known.
+    /// The vehicle's position is unknown.
     NoOwnship,
-    /// The vehicle's position or attitude is of another time: where the sensor was is not known.
+    /// The vehicle's position or attitude is of another time, so the sensor's position is unknown.
     TimesApart,
-    /// Its angles and its range are no sensor's.
+    /// Its angles or its range are not plausible for a sensor.
     Geometry,
-    /// It is not empty, and none of it is finite and plausible.
+    /// It is not empty, but contains no finite and plausible value.
     Absurd,
 }
 
-/// What one scan or delivery of points came to.
+/// Result of one scan or delivery of points.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Segmentation {
-    /// When it was measured, as well as known.
+    /// Estimated time of measurement.
     pub time: Instant,
-    /// Where it was taken from, local NED.
+    /// Position of the sensor, local NED.
     pub origin_ned_m: Horizontal,
-    /// The hits, north and east of there, neighbours in order.
+    /// The hits, north and east of the sensor, in order.
     pub points_m: Vec<Horizontal, POINTS_MAX>,
-    /// The circles behind them.
+    /// The circles fitted to them.
     pub detections: Vec<Detection, DETECTIONS_MAX>,
-    /// Hits refused because they were not finite or absurd.
+    /// Number of hits refused because they were not finite or implausible.
     pub refused: u16,
-    /// Of hits of wide sectors: how far from the middle of its sector it may be, and how far each is taken to be, in 100ths of that.
+    /// For hits of wide sectors: the largest angle of a hit from the middle of its sector; `sides` has the estimated
+    /// angle of each hit, in 100ths of this.
     pub beside_rad: f32,
     /// See `beside_rad`. Empty where each hit is a ray's.
     pub sides: Vec<i8, POINTS_MAX>,
 }
 
 impl Segmentation {
-    /// The points of one of its detections.
+    /// The points of a detection.
     #[must_use]
     pub fn points_of(&self, detection: &Detection) -> &[Horizontal] {
         self.points_m.get(usize::from(detection.from)..usize::from(detection.to)).unwrap_or_default()
     }
 
-    /// Whether anything in it is plausible. A scan without a hit is.
+    /// Whether it contains anything plausible. A scan without a hit is plausible.
     fn check(&self) -> Result<(), Refusal> {
         if self.refused > 0 && self.points_m.is_empty() { Err(Refusal::Absurd) } else { Ok(()) }
     }
 
-    /// Adds a circle, relative to the place of the scan.
+    /// Adds a circle, given relative to the sensor.
     fn push(&mut self, seen: Detection) {
         // Cannot fail: no more circles than hits.
         let _ = self.detections.push(Detection {
@@ -286,12 +288,12 @@ pub struct Segmenter {
     config: Config,
 }
 
-/// A run of hits, relative to the sensor, and what is known on its two sides.
+/// A run of hits, relative to the sensor, and whether its two sides are free.
 struct Run<'a> {
     points: &'a [Horizontal],
     /// Index of its first point in the scan.
     first: usize,
-    /// Azimuth step between its points; 0 where there is none.
+    /// Azimuth step between its points; 0 if they have no fixed step.
     step_rad: f32,
     /// See [`Sectors::outermost_ray`].
     outermost_ray: f32,
@@ -313,7 +315,7 @@ impl Run<'_> {
     }
 }
 
-/// A turn by one angle, again and again: 6 instructions where a sine and a cosine take 40.
+/// A rotation by a constant angle: 6 instructions where a sine and a cosine take 40.
 struct Turned {
     sine: f32,
     cosine: f32,
@@ -341,7 +343,7 @@ impl Turned {
 }
 
 impl Segmenter {
-    /// The circle that fills the angle of a few hits, if both its sides are free and it covers them:
+    /// The circle with the angular width of a few hits, if both its sides are free and it covers them:
     /// `r / (nearest + r) = sin(half of the angle)`.
     fn thin(&self, piece: &Run<'_>) -> Verdict {
         let c = &self.config;
@@ -351,7 +353,7 @@ impl Segmenter {
         };
         let least = |a: f32, p: &Horizontal| if p.norm_squared() < a { p.norm_squared() } else { a };
         let nearest_m = root(piece.points.iter().fold(f32::INFINITY, least));
-        // Of small angles: the fourth power of it is left out.
+        // Sine of a small angle, by its series: the relative term of the fourth power is left out.
         let sectors = piece.points.len() as f32 - 2.0 * piece.outermost_ray;
         let half_rad = (0.5 * piece.step_rad * sectors).clamp(0.0, 1.2);
         let s = half_rad * (1.0 - half_rad * half_rad / 6.0);
@@ -368,25 +370,25 @@ impl Segmenter {
     }
 }
 
-/// What a piece of a run turned out to be.
+/// Result for a piece of a run.
 enum Verdict {
     Pillar(Detection),
     Cut(usize),
     Chain,
 }
 
-/// Whether a circle keeps out of the directions that are free.
+/// Whether a circle stays out of the directions that are free.
 fn is_inside(center: Horizontal, radius_m: f32, free: [Option<Horizontal>; 2]) -> bool {
     free.iter().flatten().all(|direction| libm::fabsf(circle::cross(*direction, center)) > radius_m - REACH_M)
 }
 
-/// The direction of a place.
+/// The direction of a position.
 fn unit(v: Horizontal) -> Horizontal {
     let squared = v.norm_squared();
     if squared > 1e-12 { v.times(inverse_root(squared)) } else { Horizontal { north: 1.0, east: 0.0 } }
 }
 
-/// Grows with the azimuth from north over east, from -2 to 2, without an arctangent.
+/// Increases with the azimuth, from -2 to 2 (0 at north, 1 at east), without an arctangent.
 fn around(point: Horizontal) -> f32 {
     let along = point.north / (libm::fabsf(point.north) + libm::fabsf(point.east));
     if point.east >= 0.0 { 1.0 - along } else { along - 1.0 }

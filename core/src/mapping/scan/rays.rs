@@ -1,11 +1,11 @@
-//! The rays of a scan, two bytes each, and the same in sectors for stages that use fewer.
+//! The rays of a scan, two bytes each, and the same scan in sectors for stages that use fewer.
 
 use super::{RAY_MAX_M, RAY_STEP_MAX_RAD, RAYS_MAX, SECTORS_MAX, Scan, Sector};
 use crate::base::units::between;
 
 const UNKNOWN: u16 = u16::MAX;
 const CLEAR: u16 = u16::MAX - 1;
-/// What no sensor measures; it is refused where it is read.
+/// Marks a measurement that is impossible; it is refused where it is read.
 const ABSURD: u16 = 0;
 
 /// Range of each ray of a scan, to the millimetre.
@@ -22,7 +22,7 @@ impl Rays {
         Self { ranges_mm: [UNKNOWN; RAYS_MAX], count: 0 }
     }
 
-    /// There are so many from now on, [`RAYS_MAX`] at most; of new ones nothing is known.
+    /// Sets the number of rays, [`RAYS_MAX`] at most; new ones are unknown.
     pub fn resize(&mut self, count: usize) {
         let old = self.len();
         self.count = count.min(RAYS_MAX) as u16;
@@ -31,7 +31,7 @@ impl Rays {
         }
     }
 
-    /// How many there are.
+    /// Number of rays.
     #[must_use]
     pub const fn len(&self) -> usize {
         self.count as usize
@@ -43,7 +43,7 @@ impl Rays {
         self.count == 0
     }
 
-    /// Adds one; without effect when it is full.
+    /// Adds a ray; without effect when it is full.
     pub fn push(&mut self, sector: Sector) {
         if self.len() < RAYS_MAX {
             self.count += 1;
@@ -51,7 +51,7 @@ impl Rays {
         }
     }
 
-    /// Sets a ray; without effect where it does not exist.
+    /// Sets a ray; without effect if it does not exist.
     pub fn set(&mut self, index: usize, sector: Sector) {
         if let Some(slot) = self.ranges_mm.get_mut(index).filter(|_| index < usize::from(self.count)) {
             *slot = match sector {
@@ -65,13 +65,13 @@ impl Rays {
         }
     }
 
-    /// A ray's measurement; unknown where it does not exist. A hit at 0 m is one that could not be measured.
+    /// A ray's measurement; unknown if it does not exist. A hit at 0 m stands for a measurement that was not valid.
     #[must_use]
     pub fn get(&self, index: usize) -> Sector {
         match self.ranges_mm.get(index).copied().unwrap_or(UNKNOWN) {
             UNKNOWN => Sector::Unknown,
             CLEAR => Sector::Clear,
-            // By this, not by its inverse: a whole number of centimetres comes back with every bit.
+            // A division, not a product with the inverse: so whole centimetres are restored bit for bit.
             range_mm => Sector::Hit(f32::from(range_mm) / 1000.0),
         }
     }
@@ -96,9 +96,9 @@ impl FromIterator<Sector> for Rays {
     }
 }
 
-/// A scan in sectors of as many neighbouring rays each as keeps their number below a maximum. A sector's hit
-/// is the nearest of its rays'; without a hit it is clear where more than half of its rays are. Where the rays are few enough,
-/// each is a sector.
+/// A scan in sectors. Neighbouring rays are combined so that the number of sectors stays within a maximum. A sector's
+/// hit is the nearest of its rays'; without a hit it is clear if more than half of its rays are. If the rays are few
+/// enough, each is a sector.
 #[derive(Clone, Copy, Debug)]
 pub struct Sectors<'a> {
     scan: &'a Scan,
@@ -121,13 +121,13 @@ impl<'a> Sectors<'a> {
         }
     }
 
-    /// How many there are.
+    /// Number of sectors.
     #[must_use]
     pub fn count(&self) -> usize {
         pieces(self.scan.rays.len(), self.rays_each)
     }
 
-    /// Sectors of a full turn, if these are one: then the last is a neighbour of the first.
+    /// Number of sectors if they cover a full turn: then the last is a neighbour of the first.
     #[must_use]
     pub fn turn(&self) -> Option<usize> {
         self.scan.turn().map(|rays| pieces(rays, self.rays_each))
@@ -139,8 +139,8 @@ impl<'a> Sectors<'a> {
         self.rays_each > 1
     }
 
-    /// The outermost rays of a sector, in sector widths from its middle: as far from there a hit may lie. 0 where a sector is
-    /// a single ray.
+    /// Position of a sector's outermost rays, in sector widths from its middle: the largest distance of a hit from
+    /// there. 0 if a sector is a single ray.
     #[must_use]
     pub fn outermost_ray(&self) -> f32 {
         let rays = self.rays_each as f32 * libm::ceilf(libm::fabsf(self.scan.step_rad) / RAY_STEP_MAX_RAD);
@@ -183,7 +183,7 @@ impl<'a> Sectors<'a> {
     }
 }
 
-/// How many pieces of so many each a number makes; a division that cannot panic.
+/// The number of pieces of `each` items that `count` items make; a division that cannot panic.
 fn pieces(count: usize, each: usize) -> usize {
     (count + each.saturating_sub(1)).checked_div(each).unwrap_or(count)
 }
@@ -193,13 +193,13 @@ fn pieces(count: usize, each: usize) -> usize {
 pub struct Ranges<const SECTORS: usize = SECTORS_MAX>([u16; SECTORS]);
 
 impl<const SECTORS: usize> Ranges<SECTORS> {
-    /// Nothing is known.
+    /// All sectors unknown.
     #[must_use]
     pub const fn new() -> Self {
         Self([UNKNOWN; SECTORS])
     }
 
-    /// Those of a scan.
+    /// The ranges of a scan.
     #[inline(never)]
     pub fn take(&mut self, scan: &Scan) {
         let sectors = scan.in_sectors(SECTORS);
@@ -212,12 +212,12 @@ impl<const SECTORS: usize> Ranges<SECTORS> {
         }
     }
 
-    /// Sees to a hit.
+    /// Sets a sector's range, that of its hit.
     pub fn set_m(&mut self, index: usize, range_m: f32) {
         self.put(index, (1000.0 * between(range_m, 0.0, RAY_MAX_M)) as u16);
     }
 
-    /// Range of a sector; `clear_m` where there is nothing, -1 where nothing is known.
+    /// Range of a sector; `clear_m` if it is clear, -1 if it is unknown.
     #[must_use]
     pub fn sees_m(&self, index: usize, clear_m: f32) -> f32 {
         match self.0.get(index).copied().unwrap_or(UNKNOWN) {

@@ -1,5 +1,5 @@
-//! From the hits of a scan to circles: runs of neighbours are cut into pillars and other pieces, and those become
-//! chains.
+//! Converts the hits of a scan to circles: runs of neighbours are cut into pillars and other pieces, and the other
+//! pieces become chains.
 
 use heapless::Vec;
 
@@ -18,13 +18,13 @@ const GOES_ON: u8 = 1;
 /// The sensor sees past it, on the side of the hits before it, or of those after it.
 const FREE_BEFORE: u8 = 2;
 const FREE_BEHIND: u8 = 4;
-/// A run was cut behind it.
+/// The run was cut after it.
 const CUT: u8 = 8;
 
-/// Stands for the range of a sector that sees past whatever is at its sides.
+/// Stands for the range of a sector that sees past the obstacles at its sides.
 const PAST: f32 = -1.0;
 
-/// What is known of each hit of a scan.
+/// Marks of each hit of a scan.
 #[derive(Default)]
 struct Marks(Vec<u8, POINTS_MAX>);
 
@@ -34,7 +34,7 @@ impl Marks {
     }
 
     fn push(&mut self, marks: u8) {
-        // Cannot fail: as many places as hits.
+        // Cannot fail: there are as many places as hits.
         let _ = self.0.push(marks);
     }
 
@@ -44,7 +44,7 @@ impl Marks {
         }
     }
 
-    /// One past the last hit of the piece that begins with a hit.
+    /// Index after the last hit of the piece that begins with hit `from`.
     fn end_of(&self, from: usize, is_last: impl Fn(u8) -> bool) -> usize {
         let rest = self.0.get(from..).unwrap_or_default();
         rest.iter().position(|marks| is_last(*marks)).map_or(self.0.len(), |index| from + index + 1)
@@ -52,7 +52,7 @@ impl Marks {
 }
 
 impl Segmenter {
-    /// The circles behind the hits of a scan taken at `pose`.
+    /// The circles fitted to the hits of a scan taken at `pose`.
     ///
     /// # Errors
     /// Why it is refused.
@@ -62,7 +62,7 @@ impl Segmenter {
         Ok(segmentation)
     }
 
-    /// The circles behind single hits seen from `pose`.
+    /// The circles fitted to single hits seen from `pose`.
     ///
     /// # Errors
     /// Why they are refused.
@@ -72,7 +72,7 @@ impl Segmenter {
         Ok(segmentation)
     }
 
-    /// As [`Self::fit`], into an empty segmentation in place: it is 3 KB, and a copy of it another 3.
+    /// As [`Self::fit`], into an empty segmentation in place: it takes 3 KB, and a copy of it would take another 3.
     ///
     /// # Errors
     /// Why it is refused.
@@ -117,7 +117,7 @@ impl Segmenter {
         Ok(())
     }
 
-    /// Hits of a scan, with what lies beside them.
+    /// Collects the hits of a scan, with marks of what is beside them.
     #[inline(never)]
     fn trace(
         &self,
@@ -134,7 +134,8 @@ impl Segmenter {
             let allowed = if explained < JUMP_MAX_M { explained } else { JUMP_MAX_M };
             before > 0.0 && range_m > 0.0 && libm::fabsf(range_m - before) < allowed
         };
-        // Zero where there is no hit and [`PAST`] where it sees past; and where in its sector the hit is.
+        // Ranges: zero where there is no hit, and [`PAST`] where the sensor sees past. Offsets: the hit's angle in its
+        // sector.
         let (mut ranges_m, mut offsets_rad) = ([0.0_f32; SECTORS_MAX], [0.0_f32; SECTORS_MAX]);
         for (index, (range_m, offset_rad)) in ranges_m.iter_mut().zip(&mut offsets_rad).enumerate() {
             let (sector, offset) = sectors.nearest(index);
@@ -148,7 +149,7 @@ impl Segmenter {
                 Sector::Unknown => (0.0, 0.0),
             };
         }
-        // A full turn is walked from a place where nothing continues, so that no run is cut at the seam.
+        // A full turn is processed from a gap between runs, so that no run is cut at the seam.
         let turn = sectors.turn();
         let count = turn.unwrap_or(SECTORS_MAX).min(SECTORS_MAX);
         let range_at = |index: usize| ranges_m.get(index).copied().unwrap_or_default();
@@ -160,7 +161,7 @@ impl Segmenter {
         let start = Horizontal::from_bearing(pose.yaw_rad + sectors.first_azimuth_rad);
         let mut direction =
             Horizontal::from_bearing(pose.yaw_rad + sectors.first_azimuth_rad + sectors.step_rad * begin as f32);
-        // A silhouette ends there unless something nearer hides it or nothing is known.
+        // An obstacle's outline ends there, unless something nearer hides it or the sector is unknown.
         let is_free = |index: usize, edge_m: f32| range_at(index) > edge_m || range_at(index) == PAST;
         let outermost_rad = between(segmentation.beside_rad, -0.1, 0.1);
         let mut index = begin;
@@ -181,7 +182,7 @@ impl Segmenter {
                 if (turn.is_some() || next > 0) && is_free(next, range_m) {
                     its |= FREE_BEHIND;
                 }
-                // Cannot fail: as many places as sectors.
+                // Cannot fail: there are as many places as sectors.
                 let side = nearer_side(beside(before(index), false), range_m, beside(next, true));
                 let offset_rad = offsets_rad.get(index).copied().unwrap_or_default();
                 let aside_rad = if sectors.is_exact() { between(offset_rad, -0.1, 0.1) } else { side * outermost_rad };
@@ -196,13 +197,13 @@ impl Segmenter {
         }
     }
 
-    /// Puts single hits in the order of azimuth, beginning where two neighbours are far apart.
+    /// Sorts single hits by azimuth, beginning where two neighbours are far apart.
     #[inline(never)]
     fn put_in_order(&self, segmentation: &mut Segmentation, marks: &mut Marks) {
         let points_m = &mut segmentation.points_m;
         let mut keyed: Vec<(f32, Horizontal), POINTS_MAX> = Vec::new();
         for point in points_m.iter() {
-            // Cannot fail: as many places.
+            // Cannot fail: there are as many places.
             let _ = keyed.push((around(*point), *point));
         }
         sort_by_key(&mut keyed, |(around, _)| *around);
@@ -230,7 +231,7 @@ impl Segmenter {
         }
     }
 
-    /// Runs of hits to circles, local NED: pillars first, then the chains of the rest.
+    /// Converts runs of hits to circles, local NED: pillars first, then the chains of the rest.
     #[inline(never)]
     fn segment(&self, segmentation: &mut Segmentation, marks: &mut Marks, step_rad: f32, outermost_ray: f32) {
         let mut chains: Vec<(u8, u8), POINTS_MAX> = Vec::new();
@@ -255,7 +256,7 @@ impl Segmenter {
                         continue;
                     }
                     Verdict::Pillar(pillar) => segmentation.push(pillar),
-                    // Cannot fail: no more chains than hits.
+                    // Cannot fail: there are at most as many chains as hits.
                     Verdict::Chain => _ = chains.push((from as u8, to as u8)),
                 }
                 from = to;
@@ -268,7 +269,7 @@ impl Segmenter {
         }
     }
 
-    /// What a piece of a run is.
+    /// Classifies a piece of a run.
     fn judge(
         &self,
         points_m: &[Horizontal],
@@ -287,7 +288,7 @@ impl Segmenter {
         let points = points_m.get(from..to).unwrap_or_default();
         let piece = Run { points, first: from, step_rad: libm::fabsf(step_rad), outermost_ray, free };
         let length = to - from;
-        // What is cut over and over is no pillar.
+        // A piece that was cut many times is not a pillar.
         match fits_left.checked_sub(length) {
             Some(left) if length >= FIT_MIN => {
                 *fits_left = left;
@@ -298,7 +299,7 @@ impl Segmenter {
         }
     }
 
-    /// The links of a chain, as far as the next piece, so that nothing is left open between them.
+    /// Adds the links of a chain, up to the next piece, so that no gap is left between them.
     fn chain(&self, segmentation: &mut Segmentation, marks: &Marks, (from, to): (usize, usize), doubt_rad: f32) {
         let is_cut = marks.has(to - 1, GOES_ON);
         let is_begun = from > 0 && marks.has(from - 1, GOES_ON);
@@ -307,12 +308,12 @@ impl Segmenter {
         let mut at = 0;
         loop {
             let points = segmentation.points_m.get(from..to + usize::from(is_cut)).unwrap_or_default();
-            // A hit lies up to that far beside where it is taken to be.
+            // Largest distance of a hit beside its estimated position.
             let doubt_m = points.first().map_or(0.0, |point| doubt_rad * root(point.norm_squared()));
             let radius_min_m = between(doubt_m, self.config.radius_min_m, self.config.radius_max_m);
             let Some(link) = chain::next(points, edges, radius_min_m, at) else { return };
             let last = link.to - 1;
-            // A chain of a single hit ends with it; one that reaches the next piece's first hit is at its end there.
+            // A chain of a single hit ends with it; a chain that reaches the next piece's first hit ends there.
             let is_over = last + 1 >= points.len();
             segmentation.push(Detection {
                 kind: Kind::Patch,
@@ -352,8 +353,7 @@ impl Segmenter {
 }
 
 impl Scan {
-    /// Where every ray hits something, north and east of where it was taken, neighbours in order; a full turn begins where
-    /// nothing continues.
+    /// The hits of all rays, north and east of the sensor, in order; a full turn begins at a gap.
     #[inline(never)]
     pub fn hits_into(&self, hits: &mut Vec<Horizontal, RAYS_MAX>, yaw_rad: f32) {
         let (turn, count) = (self.turn(), self.rays.len());
@@ -370,7 +370,7 @@ impl Scan {
         for index in (begin..count).chain(0..begin) {
             let range_m = range_m(index);
             if range_m > 0.0 {
-                // Cannot fail: as many places as rays.
+                // Cannot fail: there are as many places as rays.
                 let _ = hits.push(direction.times(range_m));
             }
             direction = turned.on(direction);
@@ -378,9 +378,9 @@ impl Scan {
     }
 }
 
-/// On which side of its sector the nearest hit lies, from -1 (that of the sector before) to 1 (that of the next): where a
-/// surface comes nearer from sector to sector, on the side on which it does; where it is nearest, a parabola says it. A
-/// neighbour's range is 0 where the surface does not go on there.
+/// On which side of its sector the nearest hit lies, from -1 (towards the sector before) to 1 (towards the next). Where
+/// a surface comes nearer from sector to sector, it is the nearer side; where the surface is nearest, a parabola
+/// through the ranges gives it. A neighbour's range is 0 if the surface does not continue there.
 fn nearer_side(before_m: f32, range_m: f32, next_m: f32) -> f32 {
     let goes_on = (before_m > 0.0, next_m > 0.0);
     match (goes_on.0 && before_m < range_m, goes_on.1 && next_m < range_m) {
@@ -400,7 +400,7 @@ fn turned_a_little(direction: Horizontal, angle_rad: f32) -> Horizontal {
     direction.times(1.0 - 0.5 * angle_rad * angle_rad).plus(right.times(angle_rad))
 }
 
-/// Single hits from where they were seen; those that are not finite or absurd are counted.
+/// Single hits relative to the sensor; those that are not finite or implausible are left out and counted as refused.
 fn gather(points: &Points, pose: &Pose, segmentation: &mut Segmentation) {
     let (sine, cosine) = sin_cos(pose.yaw_rad);
     for point in &points.points_m {
@@ -414,7 +414,7 @@ fn gather(points: &Points, pose: &Pose, segmentation: &mut Segmentation) {
         };
         let squared = point.norm_squared();
         if squared > 1e-6 && squared <= RANGE_MAX_M * RANGE_MAX_M {
-            // Cannot fail: as many places.
+            // Cannot fail: there are as many places.
             let _ = segmentation.points_m.push(point);
         } else {
             segmentation.refused += 1;

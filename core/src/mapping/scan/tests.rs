@@ -7,7 +7,7 @@ fn cast(circles: &[(f64, f64, f64)]) -> Scan {
     cast_wide(circles, 90.0, 3.0, 1)
 }
 
-/// The same for any field of view and range; a sector tells the nearest of so many rays.
+/// The same for any field of view and range; a sector reports the nearest of a number of rays.
 fn cast_wide(circles: &[(f64, f64, f64)], fov_deg: f64, range: f64, rays: usize) -> Scan {
     let fov = fov_deg.to_radians();
     let step = fov / 72.0;
@@ -53,7 +53,7 @@ fn a_pillar_is_found_where_it_stands_and_as_thick_as_it_is() {
                 let allowed = 0.03 + 0.02 * distance;
                 assert!(miss < allowed, "{radius} {distance} {side}: {found:?}");
                 assert!((f64::from(found[0].radius_m) - radius).abs() < allowed, "{radius} {distance}: {found:?}");
-                // Its near face, which is what one flies into, is right to the centimetre.
+                // Its near face, the part that a vehicle would hit, is accurate to a few centimetres.
                 let face = f64::from(center.norm() - found[0].radius_m);
                 let truth = (distance.hypot(side)) - radius;
                 assert!((face - truth).abs() < 0.03, "{radius} {distance} {side}: face {face} {truth}");

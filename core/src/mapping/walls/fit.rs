@@ -1,9 +1,9 @@
-//! Total least squares: the line from which points have the least mean square distance, and how far it reaches.
+//! Total least squares: the line with the smallest mean square distance from points, and its extent.
 //!
 //! With the mean `m` and the scatter `S = sum (p - m)(p - m)^T` of the points, the line goes through `m` along the
-//! eigenvector of the larger eigenvalue of `S`; the smaller one is the sum of the squared distances. Unlike the regression
-//! of one coordinate on the other it knows no direction that a wall must not have. Mean and scatter are gathered in one
-//! pass (Welford 1962) and those of two sets are joined without their points (Chan et al. 1979).
+//! eigenvector of the larger eigenvalue of `S`; the smaller one is the sum of the squared distances. Unlike the
+//! regression of one coordinate on the other it works for every direction of a wall. Mean and scatter are computed in
+//! one pass (Welford 1962), and those of two sets are combined without their points (Chan et al. 1979).
 
 use super::Wall;
 use crate::base::math::sqrt;
@@ -12,7 +12,7 @@ use crate::base::ned::Horizontal;
 /// Count, mean and scatter of points.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moments {
-    /// How many, or their weight.
+    /// Number of points, or their weight.
     pub count: f32,
     /// Their mean.
     pub mean_ned_m: Horizontal,
@@ -20,10 +20,10 @@ pub struct Moments {
     pub scatter_m2: [f32; 3],
 }
 
-/// Along which direction moments are long, and by how much.
+/// The principal direction of moments, and their variances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
-    /// Unit vector along the line of the least squares.
+    /// Unit vector along the least-squares line.
     pub along_ned: Horizontal,
     /// Variance along it.
     pub along_m2: f32,
@@ -51,7 +51,7 @@ impl Moments {
         Self { count: 0.0, mean_ned_m: Horizontal { north: 0.0, east: 0.0 }, scatter_m2: [0.0; 3] }
     }
 
-    /// Takes in a point.
+    /// Adds a point.
     pub fn add(&mut self, point_ned_m: Horizontal) {
         self.count += 1.0;
         let before = point_ned_m.minus(self.mean_ned_m);
@@ -81,24 +81,24 @@ impl Moments {
         }
     }
 
-    /// Where the points are long; `None` where they are one place, or no places.
+    /// The spread of the points; `None` if they are all at one place, or there are none.
     #[must_use]
     pub fn spread(&self) -> Option<Spread> {
         let [nn, ne, ee] = self.scatter_m2.map(|sum| sum / self.count);
         let (mean, half) = (0.5 * (nn + ee), 0.5 * (nn - ee));
         let apart = sqrt(half * half + ne * ne);
-        // Of the two expressions for the eigenvector the one in which nothing cancels.
+        // Of the two expressions for the eigenvector, the one without cancellation.
         let along = if half >= 0.0 {
             Horizontal { north: apart + half, east: ne }
         } else {
             Horizontal { north: ne, east: apart - half }
         };
         let norm = along.norm();
-        // Below this no difference of two coordinates in metres is more than their rounding.
+        // Below this, differences of coordinates are only rounding errors.
         if !(mean > 1e-10 && mean.is_finite()) {
             return None;
         }
-        // A round blob is as long in any direction as in any other.
+        // A round cluster has no principal direction: any will do.
         let along_ned = if norm > 0.0 { along.times(1.0 / norm) } else { Horizontal { north: 1.0, east: 0.0 } };
         let across_m2 = if mean > apart { mean - apart } else { 0.0 };
         Some(Spread { along_ned, along_m2: mean + apart, across_m2 })
@@ -106,7 +106,7 @@ impl Moments {
 }
 
 impl Spread {
-    /// The line through a place, reaching as far to both sides as points do that are spread evenly with this variance.
+    /// The line through a point, as long as evenly spread points with this variance.
     #[must_use]
     pub fn line_through(&self, mean_ned_m: Horizontal) -> Wall {
         let middle_m = self.along_ned.dot(mean_ned_m);
@@ -120,20 +120,20 @@ impl Spread {
     }
 }
 
-/// The line of the least squares; `None` for fewer than two different points. Points that are not finite are ignored.
+/// The least-squares line; `None` for fewer than two different points. Points that are not finite are ignored.
 #[must_use]
 pub fn fit(points_ned_m: impl Iterator<Item = Horizontal> + Clone) -> Option<Fit> {
     fit_finite(points_ned_m.filter(|point| point.is_finite()))
 }
 
-/// The same for points that are known to be numbers.
+/// The same for points that are known to be finite.
 pub(super) fn fit_finite(points_ned_m: impl Iterator<Item = Horizontal> + Clone) -> Option<Fit> {
     let mut moments = Moments::new();
     for point in points_ned_m.clone() {
         moments.add(point);
     }
     let spread = moments.spread()?;
-    // From the mean, which is exact where the places are far from the origin.
+    // Relative to the mean, which is accurate also for points far from the origin.
     let (mut from_m, mut to_m) = (0.0_f32, 0.0_f32);
     for point in points_ned_m {
         let along_m = spread.along_ned.dot(point.minus(moments.mean_ned_m));

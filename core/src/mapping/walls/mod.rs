@@ -1,17 +1,19 @@
 //! Lines of reflection: the straight walls in a bounded map of points.
 //!
-//! After the belief-space paper (section III): first clusters, so that walls that meet are separate, then a line through
-//! each. Whatever makes the clusters, the same steps follow:
+//! After the belief-space paper (section III): first the points are clustered, so that walls that meet are separate,
+//! then a line is fitted to each cluster. The steps are the same for every method of clustering:
 //!
-//! 1. split and merge, for points in the order of a scan, proposes lines; another method of clustering may do so instead
-//!    ([`Extractor::find_among`]: the paper's mixture is in the crate `foxhound-papers`);
-//! 2. every point goes to the nearest proposed line that it is within [`Config::deviation_m`] of;
-//! 3. the points of a line are cut where a gap is wider than [`Config::gap_m`], and each piece is fitted anew ([`fit`]);
-//! 4. a piece that is too short, too thick for its length or of too few points is no wall: a pillar is one point, or a round
-//!    blob of several;
-//! 5. lines that are the same wall become one.
+//! 1. split and merge, for points in the order of a scan, proposes lines; another method of clustering may be used
+//!    instead ([`Extractor::find_among`]: the paper's mixture is in the crate `foxhound-papers`);
+//! 2. every point is assigned to the nearest proposed line that it is within [`Config::deviation_m`] of;
+//! 3. the points of a line are split where a gap is wider than [`Config::gap_m`], and each piece is fitted again
+//!    ([`fit`]);
+//! 4. a piece that is too short, too thick for its length or has too few points is not a wall: a pillar is one point,
+//!    or several in a round cluster;
+//! 5. lines of the same wall are merged.
 //!
-//! The map remembers circles; [`points_of`] takes the place of each that faces the vehicle, in the order of their bearings.
+//! The map stores circles; [`points_of`] takes the point of each that faces the vehicle, in the order of their
+//! bearings.
 //!
 //! Memory: a [`Workspace`] of 1.6 KB, fixed.
 
@@ -31,32 +33,33 @@ use fit::{Fit, Moments};
 use split_merge::Limits;
 pub use wall::Wall;
 
-/// Most points that are used; the rest of a longer list is not.
+/// Largest number of points that are used; the rest of a longer list is ignored.
 pub const POINTS_MAX: usize = crate::mapping::map::CIRCLES_MAX;
-/// Most walls that are reported, the longest.
+/// Largest number of walls that are reported; the longest are kept.
 pub const WALLS_MAX: usize = 8;
-/// Nothing is mapped farther from the origin.
+/// Points farther from the origin than this are ignored.
 const PLACE_MAX_M: f32 = 1e5;
-/// Lines that may be proposed and found before they are merged.
+/// Largest number of lines proposed, and found before they are merged.
 const PROPOSED_MAX: usize = 16;
 
 /// What counts as a wall.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// Farthest that a point of a wall is from its line.
+    /// Largest distance of a wall's point from its line.
     pub deviation_m: f32,
-    /// Farthest that a wall's neighbouring points are from each other.
+    /// Largest distance between a wall's neighbouring points.
     pub gap_m: f32,
     /// Shortest wall.
     pub length_min_m: f32,
-    /// Fewest points of a wall.
+    /// Smallest number of points of a wall.
     pub points_min: u8,
     /// A wall's largest standard deviation across, as a share of the one along.
     pub thickness_max: f32,
     /// Two lines whose directions differ by less may be the same wall,
     pub same_angle_rad: f32,
-    /// if the ends of the shorter are this close to the longer, and the gap between them is not wider than `gap_m`.
+    /// if the ends of the shorter one are this close to the longer one, and the gap between them is not wider than
+    /// `gap_m`.
     pub same_offset_m: f32,
 }
 
@@ -100,12 +103,12 @@ pub struct Extractor {
     config: Config,
 }
 
-/// Memory for one call; nothing in it lasts.
+/// Memory for one call; nothing is kept between calls.
 #[derive(Clone, Debug)]
 pub struct Workspace {
-    /// The points, from their first.
+    /// The points, relative to the first.
     points: Vec<Horizontal, POINTS_MAX>,
-    /// Which proposed line a point belongs to.
+    /// Index of the proposed line that a point belongs to.
     owners: [u8; POINTS_MAX],
     order: Vec<u8, POINTS_MAX>,
     proposed: Vec<Wall, PROPOSED_MAX>,
@@ -133,10 +136,10 @@ pub struct Proposals<'a> {
 }
 
 impl Proposals<'_> {
-    /// Proposes the line of a cluster, by its moments.
+    /// Proposes the line of a cluster, given by its moments.
     pub fn add(&mut self, moments: &Moments) {
         let Some(spread) = moments.spread() else { return };
-        // Twice as thick as a wall may be: strays may yet leave.
+        // Up to twice as thick as a wall may be: outliers may still be removed.
         let thickest = 2.0 * self.thickness_max;
         if moments.count > 1.5 && spread.across_m2 <= thickest * thickest * spread.along_m2 {
             let _ = self.lines.push(spread.line_through(moments.mean_ned_m));
@@ -144,7 +147,8 @@ impl Proposals<'_> {
     }
 }
 
-/// Rounds of points going to lines and lines being fitted to them: strays leave, and what a stray kept away comes.
+/// Number of rounds of assigning points to lines and fitting lines to points: outliers are removed, and points that an
+/// outlier kept away are added.
 const ROUNDS: u8 = 4;
 /// The point belongs to no proposed line.
 const NONE: u8 = u8::MAX;
@@ -152,8 +156,8 @@ const NONE: u8 = u8::MAX;
 const UNASKED: u8 = NONE - 1;
 
 impl Extractor {
-    /// The walls among points in the order of a scan, the longest first. Points that are not finite, or absurdly far, are
-    /// ignored.
+    /// The walls among points in the order of a scan, the longest first. Points that are not finite, or implausibly far
+    /// away, are ignored.
     pub fn find(&self, workspace: &mut Workspace, points_ned_m: &[Horizontal]) -> Vec<Wall, WALLS_MAX> {
         let config = &self.config;
         let limits = Limits { deviation_m: config.deviation_m, gap_m: config.gap_m, joined_m: self.joined_m() };
@@ -164,7 +168,7 @@ impl Extractor {
         })
     }
 
-    /// The standard deviation across up to which two clusters may be one.
+    /// The largest standard deviation across at which two clusters may be merged.
     #[must_use]
     pub fn joined_m(&self) -> f32 {
         0.5 * self.config.deviation_m
@@ -180,7 +184,8 @@ impl Extractor {
     ) -> Vec<Wall, WALLS_MAX> {
         let usable =
             |point: &&Horizontal| libm::fabsf(point.north) <= PLACE_MAX_M && libm::fabsf(point.east) <= PLACE_MAX_M;
-        // From one of their own: far from the origin the differences are exact, and what is computed is not.
+        // Relative to one of the points: far from the origin the differences are exact, but computed values would be
+        // rounded.
         let origin = points_ned_m.iter().find(usable).copied().unwrap_or_default();
         workspace.points.clear();
         for point in points_ned_m.iter().filter(usable).take(POINTS_MAX) {
@@ -194,7 +199,7 @@ impl Extractor {
         self.walls(workspace, origin)
     }
 
-    /// The walls among the points that are relative to an origin, from the proposed lines.
+    /// The walls among the points, which are relative to an origin, from the proposed lines.
     #[inline(never)]
     fn walls(&self, workspace: &mut Workspace, origin: Horizontal) -> Vec<Wall, WALLS_MAX> {
         workspace.owners = [UNASKED; POINTS_MAX];
@@ -229,7 +234,7 @@ impl Extractor {
         lines
     }
 
-    /// Gives every point to the nearest proposed line that it may be part of. Whether that changed anything.
+    /// Assigns every point to the nearest proposed line that it may be part of; returns whether that changed anything.
     fn share_out(&self, workspace: &mut Workspace) -> bool {
         let Workspace { points, owners, proposed, .. } = workspace;
         let mut changed = false;
@@ -251,11 +256,11 @@ impl Extractor {
         changed
     }
 
-    /// Fits the points of a proposed line, piece by piece, and keeps what is a wall.
+    /// Fits the points of a proposed line, piece by piece, and keeps the walls.
     fn cut(&self, workspace: &mut Workspace, owner: usize, is_last: bool, found: &mut Vec<Fit, PROPOSED_MAX>) {
         let Workspace { points, owners, order, proposed, .. } = workspace;
         let Some(along) = proposed.get(owner).map(Wall::along_ned) else { return };
-        // Sorted by what is computed once.
+        // The sort keys are computed once.
         let mut places_m = [0.0_f32; POINTS_MAX];
         order.clear();
         let both = points.iter().zip(owners.iter()).zip(&mut places_m).enumerate();
@@ -296,7 +301,7 @@ impl Extractor {
             && fit.rms_m <= config.thickness_max * fit.along_m
     }
 
-    /// Makes one of two lines that are the same wall, as long as there are such.
+    /// Merges lines of the same wall until there are none left.
     fn merge(&self, found: &mut Vec<Fit, PROPOSED_MAX>) {
         let mut index = 0;
         while let Some((earlier, [fit, ..])) = found.split_at_mut_checked(index) {
@@ -305,7 +310,7 @@ impl Extractor {
                 if index < found.len() {
                     found.swap_remove(index);
                 }
-                // The longer line may have more that are the same.
+                // The longer line may match further ones.
                 index = 0;
             } else {
                 index += 1;
@@ -315,7 +320,7 @@ impl Extractor {
 
     fn is_same(&self, a: &Fit, b: &Fit) -> bool {
         let (longer, shorter) = if length_m(&a.line) >= length_m(&b.line) { (a, b) } else { (b, a) };
-        // Mostly that is all.
+        // In most cases this decides.
         if !(libm::fabsf(longer.line.normal_ned.dot(shorter.line.along_ned())) <= self.config.same_angle_rad) {
             return false;
         }
@@ -328,7 +333,7 @@ impl Extractor {
     }
 }
 
-/// Both as one line, of the least squares of their points, from the first end to the last.
+/// Both as one line: the least-squares line of all their points, from the first end to the last.
 fn joined(a: &Fit, b: &Fit) -> Fit {
     let both = a.moments.joined(&b.moments);
     let ends = [a.line.ends_ned_m(), b.line.ends_ned_m()];
@@ -346,8 +351,8 @@ fn length_m(line: &Wall) -> f32 {
     line.to_m - line.from_m
 }
 
-/// The place of each circle that faces the vehicle, in the order of their bearings from it. A circle around the vehicle
-/// counts with its centre; one that moves is no wall.
+/// The point of each circle that faces the vehicle, in the order of their bearings from it. For a circle around the
+/// vehicle it is the centre; moving circles are left out.
 #[must_use]
 pub fn points_of<'a>(
     discs: impl IntoIterator<Item = &'a Disc>,
@@ -374,7 +379,7 @@ pub fn points_of<'a>(
     ordered
 }
 
-/// A number that grows with the bearing, from 0 in the south by 4 in a turn, and needs no arc tangent.
+/// A number that increases with the bearing, from 0 in the south by 4 in a full turn, without an arctangent.
 fn turn(away: Horizontal) -> f32 {
     let sum = libm::fabsf(away.north) + libm::fabsf(away.east);
     let ratio = if sum > 0.0 { away.north / sum } else { 0.0 };

@@ -1,7 +1,8 @@
-//! Pieces of ordered points: split where a point is too far from the chord, merge neighbours that are one line.
+//! Straight pieces of ordered points: split where a point is too far from the chord, then merge neighbours that form
+//! one line.
 //!
-//! The oldest method (Ramer 1972, Duda and Hart 1973; "iterative end point fit"), and a quick one: `n log n` distances. It needs
-//! the order in which a scan sees the points, and one stray point in the middle of a wall cuts the wall in two.
+//! The oldest method (Ramer 1972, Duda and Hart 1973; "iterative end point fit"), and a fast one: `n log n` distances.
+//! It needs the points in the order of a scan, and one outlier in the middle of a wall cuts the wall in two.
 
 use crate::base::sort::sort_by_key;
 use heapless::Vec;
@@ -11,21 +12,21 @@ use super::fit::Moments;
 use crate::base::ned::Horizontal;
 use crate::base::units::between;
 
-/// Fewest points of a piece: two always are a line.
+/// Smallest number of points of a piece: two always form a line.
 const PIECE_MIN: usize = 3;
-/// Most pieces.
+/// Largest number of pieces.
 const PIECES_MAX: usize = POINTS_MAX / PIECE_MIN;
-/// Pieces that wait to be split. The longer half waits, so they halve at least each time.
+/// Largest number of pieces waiting to be split. The longer part waits, so the length is at least halved each time.
 const WAITING_MAX: usize = 8;
 
-/// What a piece must be.
+/// The conditions for a piece.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Limits {
-    /// Farthest that a point may be from the chord.
+    /// Largest distance of a point from the chord.
     pub(super) deviation_m: f32,
-    /// Farthest that two neighbours may be from each other.
+    /// Largest distance between two neighbours.
     pub(super) gap_m: f32,
-    /// Standard deviation across two pieces that are merged.
+    /// Largest standard deviation across two pieces that are merged.
     pub(super) joined_m: f32,
 }
 
@@ -57,7 +58,7 @@ pub(super) fn pieces(limits: &Limits, points: &[Horizontal]) -> Vec<Piece, PIECE
     pieces
 }
 
-/// Cuts `from..to` until every piece is straight. What is too short is left out.
+/// Splits `from..to` until every piece is straight. Pieces that are too short are left out.
 fn split(limits: &Limits, points: &[Horizontal], from: usize, to: usize, pieces: &mut Vec<Piece, PIECES_MAX>) {
     let mut waiting: Vec<(usize, usize), WAITING_MAX> = Vec::new();
     let mut next = Some((from, to));
@@ -67,11 +68,11 @@ fn split(limits: &Limits, points: &[Horizontal], from: usize, to: usize, pieces:
         match corner(part, limits.deviation_m) {
             // Cannot fail: pieces do not overlap.
             None => _ = pieces.push(Piece { from: from as u8, to: to as u8, moments: moments_of(part) }),
-            // The corner belongs to neither: a map rounds it off.
+            // The corner belongs to neither piece: a map rounds it off.
             Some(at) => {
                 let (before, after) = ((from, from + at), (from + at + 1, to));
                 let (shorter, longer) = if at < part.len() / 2 { (before, after) } else { (after, before) };
-                // Cannot fail: the shorter half is at most half as long as what waits.
+                // Cannot fail: the shorter part is at most half as long as the pieces that wait.
                 let _ = next.map(|next| waiting.push(next));
                 let _ = waiting.push(longer);
                 next = Some(shorter);

@@ -1,11 +1,13 @@
-//! A line of reflection: where it lies, how far it reaches, and the mirror that it is.
+//! A line of reflection: its position, its extent, and the mirror images of points and directions in it.
 //!
-//! The paper's `y = m x + c` (eq. 5) has no vertical walls. Inside, a line is its unit normal and its distance from the
-//! origin (Hesse), `n . p = offset`, which every wall has and which varies smoothly as a wall turns.
+//! The paper's `y = m x + c` (eq. 5) cannot represent vertical walls. Here a line is stored as its unit normal and its
+//! distance from the origin (Hesse normal form), `n . p = offset`, which exists for every wall and varies smoothly as a
+//! wall turns.
 //!
-//! The law of reflection (eq. 4) says that a ray which is reflected once goes straight from the mirror image of where it
-//! began. So a vehicle that receives a reflection sees what its own mirror image sees directly: place and direction mirrored,
-//! every line-of-sight formula holds. Eq. 6 and 7 come to the same (`foxhound-papers` has them literally; a test compares).
+//! By the law of reflection (eq. 4) a ray that is reflected once seems to come straight from the mirror image of its
+//! origin. So a vehicle that receives a reflection sees what its own mirror image sees directly: with position and
+//! direction mirrored, every line-of-sight formula is valid. Eq. 6 and 7 are equivalent (`foxhound-papers` has them
+//! literally; a test compares).
 
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
@@ -15,18 +17,18 @@ use crate::base::ned::Horizontal;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Wall {
-    /// Unit normal; which of the two does not matter.
+    /// Unit normal; either of the two opposite ones.
     pub normal_ned: Horizontal,
     /// `normal . p` of its points.
     pub offset_m: f32,
     /// Where it begins and ends along [`Wall::along_ned`], measured from the foot of the origin's perpendicular.
     pub from_m: f32,
-    /// See `from_m`; not less.
+    /// See `from_m`; not less than that.
     pub to_m: f32,
 }
 
 impl Wall {
-    /// The line between two points; `None` when they are the same or no points.
+    /// The line between two points; `None` if they are equal or not finite.
     #[must_use]
     pub fn between(a_ned_m: Horizontal, b_ned_m: Horizontal) -> Option<Self> {
         let along = b_ned_m.minus(a_ned_m);
@@ -40,7 +42,7 @@ impl Wall {
         Some(Self { normal_ned, offset_m: normal_ned.dot(a_ned_m), from_m, to_m: from_m + length_m })
     }
 
-    /// Whether its normal is a unit vector and its offset a number that is not absurd.
+    /// Whether its normal is a unit vector and its offset plausible.
     #[must_use]
     #[inline]
     pub fn is_valid(&self) -> bool {
@@ -82,12 +84,13 @@ impl Wall {
         direction_ned.minus(self.normal_ned.times(2.0 * self.normal_ned.dot(direction_ned)))
     }
 
-    /// How far along a ray the line is met, within its extent widened by `slack_m` at both ends; `None` when it is not.
+    /// Distance along a ray at which it meets the line, within the line's extent widened by `slack_m` at both ends;
+    /// `None` if it does not.
     #[must_use]
     pub fn range_along_m(&self, from_ned_m: Horizontal, direction_ned: Horizontal, slack_m: f32) -> Option<f32> {
         let approach = self.normal_ned.dot(direction_ned);
         let range_m = -self.distance_m(from_ned_m) / approach;
-        // A ray along the line divides by zero: its range is not finite, or not near.
+        // A ray parallel to the line divides by zero: the result is not finite or not plausible.
         if !(range_m > 0.0 && range_m < 1e5) {
             return None;
         }
@@ -95,7 +98,8 @@ impl Wall {
         (along_m >= self.from_m - slack_m && along_m <= self.to_m + slack_m).then_some(range_m)
     }
 
-    /// The paper's slope and intercept, `m` and `c` of eq. 5, in its frame (x east, y north); infinite for a vertical wall.
+    /// The paper's slope and intercept, `m` and `c` of eq. 5, in its frame (x east, y north); infinite for a vertical
+    /// wall.
     #[must_use]
     pub fn slope_intercept(&self) -> [f32; 2] {
         // n_e x + n_n y = offset.
@@ -145,7 +149,7 @@ mod tests {
         for _ in 0..1000 {
             let (a, b) = (point(&mut rng), point(&mut rng));
             let Some(line) = Wall::between(a, b) else { continue };
-            // A point of the line, two directions with the same angle to it (eq. 4), a source and an ear.
+            // A point of the line, two directions with the same angle to it (eq. 4), a source and a receiver.
             let at = a.plus(b.minus(a).times(rng.uniform()));
             let out = Horizontal::from_bearing(6.0 * rng.uniform());
             let u = line.along_ned();
@@ -155,7 +159,7 @@ mod tests {
             let heard = at.minus(ear).times(1.0 / 3.0);
             let seen = image.minus(ear).times(1.0 / image.minus(ear).norm());
             assert!(heard.minus(seen).norm() < 1e-3, "{heard:?} {seen:?}");
-            // The other path round: the ear's image sees the source directly.
+            // The other way: the receiver's mirror image sees the source directly.
             let direct = source.minus(line.mirror(ear));
             let mirrored = line.mirror_direction(heard);
             assert!(direct.times(1.0 / direct.norm()).minus(mirrored).norm() < 1e-3);

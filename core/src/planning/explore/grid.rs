@@ -7,7 +7,7 @@ pub const SIDE: usize = 32;
 /// The cell in whose middle the search begins.
 pub(super) const MIDDLE: usize = SIDE / 2;
 
-/// A row of the grid to the east, a bit a cell; the rows follow each other to the north.
+/// A row of the grid, one bit per cell from west to east; the rows are ordered from south to north.
 pub(super) type Rows = [u32; SIDE];
 
 /// A cell by its row and column.
@@ -17,9 +17,9 @@ pub(super) struct Cell {
     pub(super) column: u8,
 }
 
-/// What the obstacles leave of the grid.
+/// The cells and sides of the grid that obstacles block.
 pub(super) struct Passages {
-    /// Cells whose middle is in an obstacle.
+    /// Cells whose middle lies in an obstacle.
     pub(super) covered: Rows,
     /// Closed sides towards the next cell to the east.
     pub(super) east: Rows,
@@ -40,7 +40,7 @@ pub(super) fn ring(front: &Rows, open: &Rows, passages: &Passages) -> Rows {
     next
 }
 
-/// The grid: where its cells are.
+/// Position and cell size of the grid.
 pub(super) struct Grid {
     pub(super) began_ned_m: Horizontal,
     pub(super) cell_m: f32,
@@ -61,11 +61,11 @@ impl Grid {
         Some(Cell { row: index(offset.north)?, column: index(offset.east)? })
     }
 
-    /// The cells of a square around a place, which holds all within a distance.
+    /// The cells of a square around a place that contains all places within a distance.
     pub(super) fn cells_within(&self, place_ned_m: Horizontal, reach_m: f32) -> impl Iterator<Item = Cell> + use<> {
         let offset = place_ned_m.minus(self.began_ned_m).times(1.0 / self.cell_m);
         let reach = reach_m / self.cell_m;
-        // Conversions to integers saturate, and no number becomes zero.
+        // Conversions to integers saturate, and NaN becomes zero.
         let limits = |value: f32| {
             let first = value - reach + MIDDLE as f32;
             let last = value + reach + (MIDDLE as f32 + 1.0);

@@ -1,23 +1,24 @@
-//! Where to go when nothing is heard: to the edge of what has been looked at, until something is.
+//! Selects where to fly when no signal is received: to the edge of the area that has been seen, until a signal is
+//! received.
 //!
-//! Frontier exploration (B. Yamauchi, "A frontier-based approach for autonomous exploration", CIRA 1997) on a coarse grid of
-//! [`SIDE`] by [`SIDE`] cells that is laid around the place where the search began. Each step
+//! Frontier exploration (B. Yamauchi, "A frontier-based approach for autonomous exploration", CIRA 1997) on a coarse
+//! grid of [`SIDE`] by [`SIDE`] cells around the place where the search began. Each step
 //!
-//! 1. marks the cells that the sensor looks at: in its range and field of view, and not behind a remembered circle;
-//! 2. takes as candidates the cells that have not been looked at, have a neighbour that has, are not in an obstacle and not
+//! 1. marks the cells that the sensor sees: in its range and field of view, and not behind a remembered circle;
+//! 2. takes as candidates the cells that have not been seen, have a neighbour that has, are not in an obstacle and not
 //!    farther than [`Config::radius_m`] from where the search began;
-//! 3. floods the cells that have been looked at from the vehicle's, one ring of neighbours after the other, through the sides
-//!    where the vehicle fits between the circles: the ring in which a candidate is reached is how far it is;
-//! 4. takes the candidate of the shortest path, least turning and seeded jitter. The target is kept while it is a candidate and no
-//!    other is better by [`Config::stick_m`]. What the flood does not reach comes last and is not given up for it: the grid
-//!    is coarser than a door.
+//! 3. flood-fills the seen cells from the vehicle's cell, one ring of neighbours after the other, through the sides
+//!    where the vehicle fits between the circles: the number of the ring that reaches a candidate is its distance;
+//! 4. selects the candidate with the smallest sum of path, turning and seeded jitter. The target is kept while it is a
+//!    candidate and no other is better by [`Config::stick_m`]. Candidates that the fill does not reach come last, but
+//!    are not given up: a door can be narrower than the grid resolves.
 //!
 //! A target that the caller reports as [`State::blocked`], or that comes no nearer for [`Config::patience_s`], is not
-//! tried again. So a search ends: by its own end ([`Explored::Exhausted`]), by time ([`Explored::TimedOut`]), or by
-//! [`State::end`] when the signal returns.
+//! tried again. So every search ends: when no candidates are left ([`Explored::Exhausted`]), by time
+//! ([`Explored::TimedOut`]), or by [`State::end`] when the signal returns.
 //!
-//! The state takes 312 bytes, a step 0.8 KB of stack. Cells that are looked at for the first time, and the sides around
-//! each circle, are what a step costs.
+//! The state takes 312 bytes, a step 0.8 KB of stack. The cost of a step depends on the number of cells seen for the
+//! first time and of cell sides around each circle.
 
 use core::f32::consts::TAU;
 
@@ -39,21 +40,21 @@ use grid::{Cell, Grid, MIDDLE, Passages, Rows, cells_of, has, ring, set};
 pub struct Config {
     /// The search is given up after this long.
     pub limit_s: f32,
-    /// No target is farther than this from where the search began.
+    /// Largest distance of a target from where the search began.
     pub radius_m: f32,
     /// Width of a cell.
     pub cell_m: f32,
-    /// How far from an obstacle's rim the vehicle's centre must stay.
+    /// Smallest distance of the vehicle's centre from an obstacle's rim.
     pub clearance_m: f32,
-    /// Circles hide what is behind them as if they were this much larger: a wall is remembered with gaps in it.
+    /// Circles hide cells behind them as if their radius were larger by this: a wall is remembered with gaps in it.
     pub shade_m: f32,
-    /// A radian of turning is as good as so much of a path.
+    /// Length of path that costs as much as turning by one radian.
     pub turn_m_per_rad: f32,
-    /// Another target must be better by this much.
+    /// Another target must be better by this to replace the present one.
     pub stick_m: f32,
     /// A target that comes no nearer for this long is blocked.
     pub patience_s: f32,
-    /// Decides between targets that are nearly as good.
+    /// Seed of the jitter that decides between nearly equal targets.
     pub seed: u32,
 }
 
@@ -88,7 +89,7 @@ impl Config {
         check("explore.stick_m", self.stick_m, 0.0, 100.0)?;
         check("explore.patience_s", self.patience_s, 0.5, 600.0)?;
         if self.radius_m > (MIDDLE - 1) as f32 * self.cell_m {
-            let why = Why::Inconsistent("the grid reaches no farther than 15 explore.cell_m");
+            let why = Why::Inconsistent("must not be greater than 15 explore.cell_m, the reach of the grid");
             return Err(ConfigError { field: "explore.radius_m", value: self.radius_m, why });
         }
         Ok(Explorer { config: *self })
@@ -101,16 +102,17 @@ pub struct Explorer {
     config: Config,
 }
 
-/// What a search knows.
+/// State of a search.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct State {
     began: Option<Began>,
     looked: Rows,
     refused: Rows,
     target: Option<Target>,
-    /// Whether the flood ever reached the target. Not in there: without a target some bits would have to be ones.
+    /// Whether the fill ever reached the target. Not part of `target`: there it would give an `Option` without a target
+    /// bits that are not zero.
     is_connected: bool,
-    /// How many searches have ended: the next one jitters differently.
+    /// Number of searches that have ended: it changes the jitter of the next one.
     searches: u32,
 }
 
@@ -121,26 +123,26 @@ struct Began {
     place_ned_m: Horizontal,
 }
 
-/// Where the vehicle is sent.
+/// The cell that the vehicle is sent to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Target {
     cell: Cell,
-    /// The nearest that the vehicle has come to it, and when.
+    /// The vehicle's smallest distance from it so far, and since when.
     nearest_m: f32,
     since: Instant,
 }
 
-/// What a step of the search came to.
+/// Result of a step of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Explored {
-    /// Go and look there.
+    /// Fly there.
     Target(Horizontal),
-    /// Everything within the radius that can be looked at has been.
+    /// Every place within the radius that can be seen has been seen.
     Exhausted,
-    /// The search has taken as long as it may.
+    /// The search has reached its time limit.
     TimedOut,
-    /// The pose was no number, and there is no target yet.
+    /// The pose was not finite, and there is no target yet.
     NoPose,
 }
 
@@ -151,14 +153,15 @@ impl State {
         Self { began: None, looked: [0; SIDE], refused: [0; SIDE], target: None, is_connected: false, searches: 0 }
     }
 
-    /// The signal is back: the next step begins a new search where the vehicle will be then.
+    /// Ends the search because the signal is back: the next step begins a new search at the vehicle's position then.
     pub fn end(&mut self) {
         if self.began.is_some() {
             *self = Self { searches: self.searches.wrapping_add(1), ..Self::new() };
         }
     }
 
-    /// There is no path to the target: it is not tried again, and neither are its neighbours if it was out of reach before.
+    /// Reports that there is no path to the target: it is not tried again, and neither are its neighbours if the fill
+    /// never reached it.
     pub fn blocked(&mut self) {
         let Some(target) = self.target.take() else { return };
         let bit = 1_u32 << (target.cell.column & 31);
@@ -174,13 +177,13 @@ impl State {
         }
     }
 
-    /// Whether a search is on.
+    /// Whether a search is in progress.
     #[must_use]
     pub fn is_searching(&self) -> bool {
         self.began.is_some()
     }
 
-    /// Cells that have been looked at.
+    /// Number of cells that have been seen.
     #[must_use]
     pub fn looked_at(&self) -> u32 {
         self.looked.iter().map(|row| row.count_ones()).sum()
@@ -192,7 +195,7 @@ impl State {
 }
 
 impl Explorer {
-    /// One look around, and where to go next. Begins a search if none is on.
+    /// Marks the cells in view and selects the next target. Begins a search if none is in progress.
     pub fn step<'a>(
         &self,
         state: &mut State,
@@ -220,7 +223,7 @@ impl Explorer {
         let discs = discs.filter(|disc| disc.is_plausible());
         self.look(state, &grid, pose, range_m, fov_rad, discs.clone());
         self.lose_patience(state, &grid, now, here);
-        // What moves will have moved on.
+        // Moving obstacles will have moved on.
         let standing = discs.filter(|disc| !disc.moves);
         let passages = self.passages(&grid, standing);
         let candidates = self.candidates(state, &grid, &passages);
@@ -236,7 +239,7 @@ impl Explorer {
         Explored::Target(grid.place_of(cell))
     }
 
-    /// Marks what the sensor sees, and where the vehicle is.
+    /// Marks the cells that the sensor sees, and the vehicle's own.
     fn look<'a>(
         &self,
         state: &mut State,
@@ -257,7 +260,7 @@ impl Explorer {
             let away = grid.place_of(cell).minus(here);
             let away_m = away.norm();
             let is_in_view = away_m <= range_m && (sees_around || heading.dot(away) >= edge * away_m);
-            // What is in the cell itself does not hide it.
+            // An obstacle in the cell itself does not hide it.
             let free_m = away_m - 0.5 * grid.cell_m;
             let hides = |disc: &Disc| {
                 let towards = disc.center_ned_m.minus(here);
@@ -275,7 +278,7 @@ impl Explorer {
         }
     }
 
-    /// Gives a target up that comes no nearer.
+    /// Gives up a target when the vehicle does not come nearer to it.
     fn lose_patience(&self, state: &mut State, grid: &Grid, now: Instant, here: Horizontal) {
         let Some(target) = &mut state.target else { return };
         let away_m = grid.place_of(target.cell).minus(here).norm();
@@ -288,7 +291,7 @@ impl Explorer {
 
     fn passages<'a>(&self, grid: &Grid, discs: impl Iterator<Item = &'a Disc>) -> Passages {
         let mut passages = Passages { covered: [0; SIDE], east: [0; SIDE], north: [0; SIDE] };
-        // From 0 to the width of a cell there is the side, beyond is beside it.
+        // The side extends from 0 to the width of a cell; this is the distance beyond its ends.
         let beside = |along_m: f32| along_m - between(along_m, 0.0, grid.cell_m);
         for disc in discs {
             let reach_m = disc.radius_m + self.config.clearance_m;
@@ -331,7 +334,7 @@ impl Explorer {
         candidates
     }
 
-    /// The best candidate, and whether the flood reached it.
+    /// The best candidate, and whether the fill reached it.
     fn choose(
         &self,
         state: &State,
@@ -362,7 +365,7 @@ impl Explorer {
         let mut way_m = 0.0;
         while front.iter().any(|row| *row != 0) {
             way_m += grid.cell_m;
-            // Whatever is farther costs more.
+            // Every candidate farther away costs more.
             if best.cell.is_some() && way_m > best.cost_m + self.config.stick_m {
                 return best.choice(self.config.stick_m).map(|cell| (cell, true));
             }
@@ -375,7 +378,7 @@ impl Explorer {
                 *front &= !candidates[index];
             }
         }
-        // A target that the flood has lost may be behind a door that the grid does not resolve from here.
+        // A target that the fill no longer reaches may be behind a door that the grid does not resolve from here.
         if best.kept_cost_m.is_none()
             && let Some(kept) = best.kept.filter(|kept| has(candidates, *kept))
         {
@@ -393,7 +396,7 @@ impl Explorer {
     }
 }
 
-/// The best of the candidates, and the one that is the target already.
+/// The best of the candidates, and the present target.
 struct Best {
     kept: Option<Cell>,
     kept_cost_m: Option<f32>,
@@ -419,7 +422,7 @@ impl Best {
     }
 }
 
-/// A number in 0..1 that a cell keeps during a search: a multiplicative hash of seed and cell.
+/// A number in 0..1, constant for a cell during a search: a multiplicative hash of seed and cell.
 fn jitter(seed: u32, cell: Cell) -> f32 {
     let mut mixed =
         (seed.wrapping_mul(0x85eb_ca6b) ^ u32::from(cell.row) << 8 ^ u32::from(cell.column)).wrapping_mul(0x9e37_79b1);

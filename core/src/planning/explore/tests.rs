@@ -13,7 +13,7 @@ fn seconds(s: f32) -> Instant {
     Instant((s * 1e6) as u64)
 }
 
-/// A wall as the map has it: small circles in a row.
+/// A wall as the map stores it: small circles in a row.
 fn wall(from: Horizontal, to: Horizontal) -> Vec<Disc> {
     let count = (to.minus(from).norm() / 0.3) as usize + 1;
     let place = |k: usize| from.plus(to.minus(from).times(k as f32 / count as f32));
@@ -25,7 +25,7 @@ fn square(half_m: f32) -> Vec<Disc> {
     (0..4).flat_map(|k| wall(corners[k], corners[(k + 1) % 4])).collect()
 }
 
-/// Ways for a disc on a fine grid around the origin, by breadth first.
+/// Paths for a disc on a fine grid around the origin, by breadth-first search.
 struct Ways {
     from: Vec<Option<usize>>,
 }
@@ -43,7 +43,7 @@ fn coarse(index: usize) -> Horizontal {
 }
 
 impl Ways {
-    /// From a place, among circles.
+    /// The paths from a position, among circles.
     fn new(here: Horizontal, circles: &[Disc]) -> Self {
         let mut taken = std::vec![false; (FINE * FINE) as usize];
         for circle in circles {
@@ -73,7 +73,7 @@ impl Ways {
         Self { from }
     }
 
-    /// The place to go to next, as far along the path as a step goes.
+    /// The next position, one step along the path.
     fn towards(&self, target: Horizontal) -> Option<Horizontal> {
         let (row, column) = fine(target);
         let mut index = (row * FINE + column) as usize;
@@ -87,7 +87,7 @@ impl Ways {
     }
 }
 
-/// Where a vehicle went, looked and was sent.
+/// Where a vehicle flew, what it saw and where it was sent.
 struct Flight {
     poses: Vec<Pose>,
     targets: Vec<Horizontal>,
@@ -104,7 +104,7 @@ struct Sensor {
 const AROUND: Sensor = Sensor { range_m: 4.0, fov_rad: TAU };
 const AHEAD: Sensor = Sensor { range_m: 4.0, fov_rad: 1.6 };
 
-/// A vehicle that goes where it is sent, by paths that it knows of, and knows the circles that it has been near to.
+/// A vehicle that flies where it is sent, on paths that it knows, and knows the circles that it has been near.
 fn fly(config: &Config, sensor: &Sensor, world: &[Disc], begins: Horizontal) -> Flight {
     let explorer = config.build().unwrap();
     let mut pose = Pose { position_ned_m: begins, yaw_rad: 0.3 };
@@ -142,7 +142,7 @@ fn fly(config: &Config, sensor: &Sensor, world: &[Disc], begins: Horizontal) -> 
     flight
 }
 
-/// Whether a place was ever in the sensor's view with nothing in between, by the world as it is.
+/// Whether a place was ever in the sensor's view with no obstacle in between, in the true world.
 fn was_seen(place: Horizontal, flight: &Flight, sensor: &Sensor, world: &[Disc]) -> bool {
     flight.poses.iter().any(|pose| {
         let away = place.minus(pose.position_ned_m);
@@ -238,7 +238,7 @@ fn the_same_seed_goes_the_same_way_and_another_another() {
 
 #[test]
 fn a_target_is_kept_until_it_is_looked_at() {
-    // Open country: every target but the last few is given up because it, or one much nearer, was looked at.
+    // Without obstacles: every target except the last few is given up because it, or one much nearer, was seen.
     let flight = fly(&Config { limit_s: 3600.0, ..Config::default() }, &AROUND, &[], at(0.0, 0.0));
     assert_eq!(flight.outcome, Explored::Exhausted);
     assert_eq!(flight.blocked, 0);
@@ -257,7 +257,7 @@ fn what_is_blocked_is_not_tried_again_and_what_comes_no_nearer_is_blocked() {
     let mut state = State::new();
     let mut tried: Vec<Horizontal> = Vec::new();
     let mut now_s = 0.0;
-    // It never moves: every second target is reported, the others are left to its patience.
+    // The vehicle never moves: every second target is reported as blocked, the others end by `patience_s`.
     let outcome = loop {
         let outcome = explorer.step(&mut state, seconds(now_s), &pose, 2.5, TAU, [].iter());
         now_s += 1.0;
@@ -299,7 +299,7 @@ fn poses_ranges_and_circles_that_are_no_numbers_do_no_harm() {
     assert!(!state.is_searching());
     let here = explorer.step(&mut state, seconds(1.0), &Pose::default(), 3.0, TAU, [].iter());
     assert!(matches!(here, Explored::Target(_)));
-    // The target stays what it was.
+    // The target is unchanged.
     assert_eq!(explorer.step(&mut state, seconds(1.0), &nowhere, 3.0, TAU, [].iter()), here);
     for (k, value) in (0..odd.len().pow(4)).map(|k| (k, move |n: u32| odd[k / odd.len().pow(n) % odd.len()])) {
         let pose = Pose { position_ned_m: at(value(0), value(1)), yaw_rad: value(2) };

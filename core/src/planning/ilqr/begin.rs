@@ -1,4 +1,4 @@
-//! How a solve begins, and how its end is checked.
+//! The start of a solve, and the check of its result.
 
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
@@ -8,11 +8,11 @@ use super::clearance::{NEAREST, Near};
 use super::solver::Search;
 use super::{Guess, Problem, Step};
 
-/// Share of the bound that the first controls may take.
+/// Share of the bound that the initial controls may use.
 const TAKEN: f32 = 0.95;
 
 impl<const L: usize> Search<'_, L> {
-    /// Rolls the guess out.
+    /// Rolls out the guess.
     pub(super) fn begin<const M: usize>(
         &self,
         path: &mut [Step<M>],
@@ -47,8 +47,8 @@ impl<const L: usize> Search<'_, L> {
         near.fill(Near::NONE);
     }
 
-    /// Looks for the obstacles around those steps that have moved far, `most` of them at a time, and hands their duals on. A
-    /// step that has to wait cannot move much farther until then.
+    /// Searches the obstacles around those steps that have moved far, at most `most` steps per call, and keeps the
+    /// duals of obstacles already known. The remaining steps cannot move much farther until their turn.
     pub(super) fn look<const M: usize>(
         &self,
         path: &mut [Step<M>],
@@ -83,14 +83,14 @@ impl<const L: usize> Search<'_, L> {
         }
     }
 
-    /// Duals of the bounds of the first controls.
+    /// Initial duals of the controls' bounds.
     pub(super) fn begin_bounds<const M: usize>(&self, path: &[Step<M>], bounds: &mut [[f32; 2]]) {
         for (step, bounds) in path.iter().zip(bounds) {
             *bounds = self.planner.rooms(step.control_m).map(|room| self.mu / room);
         }
     }
 
-    /// Least room to an obstacle anywhere between the steps, and the sum of the traces.
+    /// Smallest slack to an obstacle anywhere on the path, also between the steps, and the sum of the traces.
     pub(super) fn check<const M: usize>(&self, path: &[Step<M>]) -> (f32, f32) {
         let (mut clearance_m, mut trace) = (1e9, 0.0);
         let mut before = Horizontal { north: self.start[0], east: self.start[1] };

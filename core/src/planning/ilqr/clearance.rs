@@ -1,17 +1,19 @@
-//! Room to the obstacles, less what is not known of the place (paper, eq. 14), and its derivatives.
+//! Distance to the obstacles less the uncertainty of the position (paper, eq. 14), and its derivatives. The code calls
+//! the left side of an inequality its room (slack).
 //!
-//! `|p - c| - r_rob - r_obs - n_std * deviation(P) >= 0`, of every obstacle at every step. The paper prints `max(eig(P))`, a
-//! variance, and calls it a standard deviation: [`Spread::Deviation`] takes the root, [`Spread::Eigenvalue`] what is printed.
+//! `|p - c| - r_rob - r_obs - n_std * deviation(P) >= 0`, for every obstacle at every step. The paper prints
+//! `max(eig(P))`, a variance, and calls it a standard deviation: [`Spread::Deviation`] takes the root,
+//! [`Spread::Eigenvalue`] the printed formula.
 //!
-//! The larger eigenvalue of `[[a, b], [b, c]]` is `m + r` with `m = (a + c)/2`, `r = sqrt(((a - c)/2)^2 + b^2)`; its derivative
-//! is the outer product of its eigenvector, `1/2 + (a - c)/4r` by `a` and `b/r` by `b`. Where the two are equal it has none:
-//! `r` is held above a small number.
+//! The larger eigenvalue of `[[a, b], [b, c]]` is `m + r` with `m = (a + c)/2`, `r = sqrt(((a - c)/2)^2 + b^2)`; its
+//! derivative is the outer product of its eigenvector, `1/2 + (a - c)/4r` by `a` and `b/r` by `b`. Where the two
+//! eigenvalues are equal it has no derivative: `r` is kept above a small number.
 
 use crate::base::math::sqrt;
 use crate::base::obstacle::Obstacle;
 
-/// Obstacles that are looked at around each step; the next nearest limits how far a step may move before all are looked at
-/// again.
+/// Number of obstacles considered around each step; the distance of the next nearest one limits how far a step may move
+/// before all are searched again.
 pub(super) const NEAREST: usize = 3;
 
 /// How the covariance widens an obstacle.
@@ -49,13 +51,13 @@ impl Spread {
 /// The obstacles around a step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Near {
-    /// The nearest ones, by number; those that do not exist are missing.
+    /// Indices of the nearest ones; an index without an obstacle marks an empty entry.
     which: [u16; NEAREST],
-    /// Their reaches. Between two steps the path comes nearer than at either: a reach grows by what half a step makes of it.
+    /// Their reaches, enlarged for half a step: between two steps the path can come nearer than at either.
     reaches_m: [f32; NEAREST],
-    /// Where they were looked for.
+    /// The position for which they were searched.
     around: [f32; 2],
-    /// How far the step may move from there: then another one may be nearer than these.
+    /// How far the step may move from there; beyond that, another obstacle may be nearer than these.
     valid_m: f32,
 }
 
@@ -63,8 +65,9 @@ impl Near {
     pub(super) const NONE: Self =
         Self { which: [0; NEAREST], reaches_m: [0.0; NEAREST], around: [0.0; 2], valid_m: 0.0 };
 
-    /// The nearest obstacles. A step may always move by `least_m`, also where more of them are at hand; `half_step_m2` is the
-    /// square of half the longest step. What was found nearby, `known`, tells how far to look.
+    /// Searches the nearest obstacles. A step may always move by `least_m`, even if more obstacles are near;
+    /// `half_step_m2` is the square of half the longest step. `known`, found at a position nearby, limits the search
+    /// distance.
     pub(super) fn look(
         obstacles: &[Obstacle],
         place: [f32; 2],
@@ -72,7 +75,7 @@ impl Near {
         least_m: f32,
         known: Option<&Self>,
     ) -> Self {
-        // No farther than the next one of before and the path from there.
+        // At most the distance of the next nearest obstacle before, plus the distance moved since.
         let far_m = known.filter(|known| known.is_known()).map_or(1e9, |known| {
             let away = [place[0] - known.around[0], place[1] - known.around[1]];
             2.0 * known.valid_m + sqrt(away[0] * away[0] + away[1] * away[1]) + 1e-3
@@ -83,7 +86,7 @@ impl Near {
         for (obstacle, index) in obstacles.iter().zip(0..u16::MAX) {
             let [north, east] = [place[0] - obstacle.center_ned_m.north, place[1] - obstacle.center_ned_m.east];
             let distance2 = north * north + east * east;
-            // What is behind the last one needs no root.
+            // Obstacles farther than the last one need no root.
             let reach_m = next_m + obstacle.reach_m;
             if distance2 >= reach_m * reach_m {
                 continue;
@@ -107,12 +110,12 @@ impl Near {
         Self { which, reaches_m, around: place, valid_m: if valid_m > least_m { valid_m } else { least_m } }
     }
 
-    /// Whether they have been looked for.
+    /// Whether they have been searched.
     pub(super) fn is_known(&self) -> bool {
         self.valid_m > 0.0
     }
 
-    /// Whether a step at this place has its nearest obstacles here, with so many times the distance that it may move.
+    /// Whether the list is valid for a step at this position; `times` scales the distance that it may move.
     #[inline]
     pub(super) fn holds(&self, place: [f32; 2], times: f32) -> bool {
         let away = [place[0] - self.around[0], place[1] - self.around[1]];
@@ -120,7 +123,7 @@ impl Near {
         away[0] * away[0] + away[1] * away[1] < valid_m * valid_m
     }
 
-    /// Which of these an obstacle of others is.
+    /// The entry here of an obstacle in another list.
     pub(super) fn find(&self, others: &Self, number: usize) -> Option<usize> {
         let wanted = others.which.get(number)?;
         self.which.iter().position(|which| which == wanted)

@@ -1,8 +1,8 @@
-//! Belief-space planning: a path that reaches its goal, keeps off obstacles, and on which bearings tell more. After `walls`,
-//! beside `field`.
+//! Belief-space planning: a path that reaches its goal, avoids obstacles, and from which bearings give more information
+//! about the source.
 //!
-//! K. Pfeiffer et al., "Path Planning Under Uncertainty to Localize mmWave Sources" (the paper here), eq. 10-14: over the
-//! controls `u` of `N` steps, with the belief of a place `p` and a covariance `P`,
+//! K. Pfeiffer et al., "Path Planning Under Uncertainty to Localize mmWave Sources" (the paper here), eq. 10-14: over
+//! the controls `u` of `N` steps, with the belief of a place `p` and a covariance `P`,
 //!
 //! ```text
 //! min  sum_i  R u_i'u_i + tr(P_i T)  +  Q |p_N - p_d|^2 + tr(P_N T)
@@ -10,14 +10,14 @@
 //! |u_i| <= u_max,   |p_i - c| >= r_rob + r_obs + n_std deviation(P_i)  (eq. 12, 14; `clearance`)
 //! ```
 //!
-//! Two beliefs: of two states, five numbers (eq. 2: where the vehicle is relative to the source), and of four states,
-//! fourteen numbers (eq. 8: the vehicle and the source, which is heard by way of a known line of reflection). The mean of
-//! what is never controlled stays as it is, so that its derivatives are no part of the problem. Covariances are in the NED
-//! frame, as upper triangles column by column: `[nn, ne, ee]`, or `[nn, ne, ee, ns n, ...]` with the source's two after the
-//! vehicle's.
+//! Two kinds of belief: two states, five numbers (eq. 2: the vehicle's position relative to the source), and four
+//! states, fourteen numbers (eq. 8: the vehicle and the source, which is received by reflection at a known line). The
+//! mean of states that are not controlled is constant, so its derivatives are not part of the problem. Covariances are
+//! in the NED frame, as upper triangles column by column: `[nn, ne, ee]`, or `[nn, ne, ee, ns n, ...]` with the
+//! source's two after the vehicle's.
 //!
-//! `solver` has the iteration. Everything lies in a [`Workspace`] of fixed size; nothing is allocated. A path is only a
-//! proposal: whoever flies it checks it as any other.
+//! `solver` contains the iteration. All memory is in a [`Workspace`] of fixed size; nothing is allocated. A path is
+//! only a proposal: the caller must check it like any other before it is flown.
 
 use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
@@ -40,11 +40,11 @@ use clearance::{NEAREST, Near};
 use sensor::Sensor;
 use solver::{Law, Search};
 
-/// Shares of a step that are tried in an iteration: around a model that is dear, also a shorter one. Where none is accepted,
-/// the next model holds steps back.
+/// Shares of a step that are tried in an iteration. A model is expensive, so a shorter step is tried, too. If none is
+/// accepted, the next model has more regularisation.
 const SHARES: [f32; 2] = [1.0, 0.4];
 
-/// What a control is kept within.
+/// The bound on a control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
@@ -56,7 +56,7 @@ pub enum Bound {
     Axes,
 }
 
-/// What the planner needs to know.
+/// Configuration of the planner.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
@@ -68,19 +68,19 @@ pub struct Config {
     pub t_covariance: [f32; 2],
     /// Longest step.
     pub u_max_m: f32,
-    /// What that limits.
+    /// What `u_max_m` limits.
     pub bound: Bound,
-    /// How many deviations of its place the vehicle keeps from obstacles.
+    /// Number of standard deviations of its position that the vehicle keeps from obstacles.
     pub n_std: f32,
-    /// What a deviation is.
+    /// How the standard deviation is computed.
     pub spread: Spread,
     /// Noise of the bearing taken at each step.
     pub bearing_sigma_rad: f32,
-    /// Within about this distance of the source a bearing tells nothing.
+    /// Within about this distance of the source a bearing contains no information.
     pub near_m: f32,
     /// Variance added at each step: to the first two states, and to the other two.
     pub process_noise_m2: [f32; 2],
-    /// Most iterations.
+    /// Largest number of iterations.
     pub iterations_max: u16,
 }
 
@@ -127,35 +127,35 @@ impl Config {
     }
 }
 
-/// Where the iteration begins.
+/// The initial path of the iteration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Guess<'a> {
-    /// A bow from the start towards the goal; how far it swings to the right in its middle (to the left if negative). A
-    /// straight line would not do: along one that meets an obstacle's middle, or that leads to the source, nothing says to
-    /// which side to leave it.
+    /// A bow from the start towards the goal, with its deviation to the right in the middle (to the left if negative).
+    /// A straight line does not work where it meets an obstacle's middle or leads to the source: by symmetry, the
+    /// derivatives show no side to bend it to.
     Bow(f32),
     /// A path, point by point, such as the last solution: followed as far as the bound on the steps allows.
     Path(&'a [Horizontal]),
 }
 
-/// What is to be planned; `M` is 3 or 10, the triangle of the covariance.
+/// The planning problem; `M` is 3 or 10, the size of the covariance triangle.
 #[derive(Clone, Copy, Debug)]
 pub struct Problem<'a, const M: usize> {
-    /// Where the vehicle is.
+    /// Position of the vehicle.
     pub start_ned_m: Horizontal,
-    /// Where the source is believed to be.
+    /// Estimated position of the source.
     pub source_ned_m: Horizontal,
-    /// How well the states are known.
+    /// Covariance of the states.
     pub covariance_m2: [f32; M],
-    /// Where to end.
+    /// Position to end at.
     pub goal_ned_m: Horizontal,
-    /// How many steps.
+    /// Number of steps.
     pub steps: usize,
-    /// What to keep off, with the vehicle's radius in their reach.
+    /// Obstacles to avoid; their reach includes the vehicle's radius.
     pub obstacles: &'a [Obstacle],
-    /// The line by way of which the source is heard, if not directly.
+    /// The line that reflects the source's signal, if it is not received directly.
     pub seen_through: Option<Wall>,
-    /// Where the iteration begins.
+    /// The initial path of the iteration.
     pub guess: Guess<'a>,
 }
 
@@ -165,28 +165,28 @@ pub struct Problem<'a, const M: usize> {
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Outcome {
-    /// At a minimum; no obstacle is violated.
+    /// At a minimum; the path is clear of obstacles.
     Converged,
-    /// The iterations ran out, or rounding ended progress; no obstacle is violated.
+    /// The limit of iterations was reached, or rounding stopped the progress; the path is clear of obstacles.
     CapReached,
     /// The best path found goes through an obstacle.
     Blocked,
-    /// The problem has no steps, more than there is room for, or numbers that are none.
+    /// The problem has no steps, more than the workspace can hold, or numbers that are not finite.
     Refused,
 }
 
-/// What was found.
+/// The result.
 #[derive(Clone, Copy, Debug)]
 pub struct Solution<'a, const M: usize> {
     /// How it ended.
     pub outcome: Outcome,
-    /// Passes over the path.
+    /// Number of passes over the path.
     pub iterations: u16,
     /// Eq. 10, without barriers.
     pub cost: f32,
     /// Sum over the steps of the trace of the covariance of the first two states.
     pub covariance_trace_sum_m2: f32,
-    /// Least room to an obstacle at the steps, all widening taken off; large where there are none.
+    /// Smallest distance to an obstacle along the path, less all widening; large without obstacles.
     pub clearance_m: f32,
     /// The path, without the start.
     pub path: &'a [Step<M>],
@@ -195,13 +195,13 @@ pub struct Solution<'a, const M: usize> {
 /// A step of the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step<const M: usize> {
-    /// Where it leads.
+    /// Position after the step.
     pub place_ned_m: Horizontal,
-    /// How: north and east.
+    /// The control: north and east.
     pub control_m: [f32; 2],
     /// The covariance there, after its bearing.
     pub covariance_m2: [f32; M],
-    /// Room to the obstacles around it.
+    /// Slack to the obstacles around it.
     rooms_m: [f32; NEAREST],
 }
 
@@ -214,7 +214,7 @@ impl<const M: usize> Step<M> {
     };
 }
 
-/// Memory of a solve of up to `N` steps: 180 bytes a step for two states, 292 for four.
+/// Memory of a solve of up to `N` steps: 180 bytes per step for two states, 292 for four.
 #[derive(Clone, Debug)]
 pub struct Workspace<const M: usize, const N: usize> {
     paths: [[Step<M>; N]; 2],
@@ -243,7 +243,7 @@ impl<const M: usize, const N: usize> Workspace<M, N> {
     }
 }
 
-/// The same without its length.
+/// The same without the const length.
 struct Parts<'s, const M: usize> {
     paths: [&'s mut [Step<M>]; 2],
     laws: &'s mut [Law<M>],
@@ -268,7 +268,7 @@ pub struct Planner {
 }
 
 impl Planner {
-    /// What it was built from.
+    /// Its configuration.
     #[must_use]
     pub const fn config(&self) -> &Config {
         &self.config
@@ -283,7 +283,8 @@ impl Planner {
         self.search_two(workspace.parts(), problem)
     }
 
-    /// Apart, so that it is compiled with this crate and not with whoever plans, perhaps for size.
+    /// A separate function, so that it is compiled with this crate and not with the caller, which may be optimised for
+    /// size.
     #[inline(never)]
     fn search_two<'s>(&self, parts: Parts<'s, 3>, problem: &Problem<'_, 3>) -> Solution<'s, 3> {
         self.search::<2, 3>(parts, problem)
@@ -303,7 +304,7 @@ impl Planner {
         self.search::<4, 10>(parts, problem)
     }
 
-    /// How much room a control has to its bounds, as a share.
+    /// Slack of a control to its bounds, as a share.
     #[inline]
     fn rooms(&self, control: [f32; 2]) -> [f32; 2] {
         let [north, east] = control.map(|control| control * control * self.inverse_u_max2);
@@ -318,7 +319,7 @@ impl Planner {
     fn bounded(&self, control: [f32; 2], before: [f32; 2]) -> [f32; 2] {
         const KEPT: f32 = 0.05;
         let (rooms, least) = (self.rooms(control), self.rooms(before).map(|room| KEPT * room));
-        // Of what is too long, as much as leaves the least room.
+        // A control that is too long is shortened to leave the smallest slack.
         let shortened = |room: f32, least: f32| if room < least { sqrt((1.0 - least) / (1.0 - room)) } else { 1.0 };
         let first = shortened(rooms[0], least[0]);
         let second = if self.config.bound == Bound::Axes { shortened(rooms[1], least[1]) } else { first };
@@ -420,7 +421,7 @@ impl Planner {
                         outcome = Outcome::Converged;
                         break;
                     }
-                    // The parabola is not steep enough to push all out of the obstacles.
+                    // The parabola is not steep enough to push every step out of the obstacles.
                     if search.delta_m < 1e-4 * config.u_max_m {
                         break;
                     }

@@ -1,18 +1,19 @@
-//! The Kalman filter's covariance as a function of where the vehicle goes, and its derivatives (paper, eq. 16-19).
+//! The Kalman filter's covariance as a function of the vehicle's path, and its derivatives (paper, eq. 16-19).
 //!
-//! With `d` the vehicle's place relative to where the source appears to be, a bearing `b` of deviation `sigma` has
-//! `db = h'dx / d'd`, where the row `h = B d` is linear in `d` (a quarter turn, mirrored for states behind a reflection). So
+//! With `d` the vehicle's position relative to the apparent position of the source, a bearing `b` of deviation `sigma`
+//! has `db = h'dx / d'd`, where the row `h = B d` is linear in `d` (a quarter turn, mirrored for states behind a
+//! reflection). So
 //!
 //! ```text
 //! P+ = P- - z z'/s,   z = P- h,   s = h'z + sigma^2 (d'd + near^2)^2,   P- = P + W
 //! ```
 //!
-//! without a root and with one division. The paper's redundant `[cos, sin]` with noise `sigma^2 I` (eq. 3) yields the same
-//! covariance: its Jacobian is the outer product of the tangent and `h/|d|^2`, so that the radial component carries no
-//! information (a test compares the two). `near` ends what a bearing tells at the source itself, where it tells nothing;
-//! zero is the paper's.
+//! without a root and with one division. The paper's redundant `[cos, sin]` with noise `sigma^2 I` (eq. 3) yields the
+//! same covariance: its Jacobian is the outer product of the tangent and `h/|d|^2`, so that the radial component
+//! carries no information (a test compares the two). `near` limits the information of a bearing close to the source,
+//! where it has none; the paper has `near = 0`.
 //!
-//! Eq. 18 and 19 are Kronecker products of `l^2 x l^2`; on the triangle of the symmetric matrix they are
+//! Eq. 18 and 19 are Kronecker products of size `l^2 x l^2`; for the triangle of the symmetric matrix they become
 //!
 //! ```text
 //! dP+/dP: X -> A X A',                A = I - z h'/s
@@ -24,17 +25,18 @@
 use crate::base::ned::Horizontal;
 use crate::mapping::walls::Wall;
 
-/// A symmetric matrix of `L x L` as its upper triangle, column by column: element `(a, b)`, `a <= b`, at `b (b + 1) / 2 + a`.
+/// A symmetric matrix of `L x L` as its upper triangle, column by column: element `(a, b)`, `a <= b`, at
+/// `b (b + 1) / 2 + a`.
 pub(super) const fn at(a: usize, b: usize) -> usize {
     if a <= b { b * (b + 1) / 2 + a } else { a * (a + 1) / 2 + b }
 }
 
-/// What is measured, of a state of `L` elements with `M` in its triangle.
+/// The measurement model of a state of `L` elements, whose covariance triangle has `M`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sensor<const L: usize> {
     /// `B`.
     rows: [[f32; 2]; L],
-    /// Where the source appears to be.
+    /// The apparent position of the source.
     image_ned_m: [f32; 2],
     variance_rad2: f32,
     near_m2: f32,
@@ -43,8 +45,8 @@ pub(super) struct Sensor<const L: usize> {
 }
 
 impl<const L: usize> Sensor<L> {
-    /// Of a source that is heard directly, or by way of a line of reflection. Two states are the vehicle's place relative to
-    /// the source (eq. 2) or the source's alone, four are the vehicle's and the source's (eq. 8).
+    /// The model of a source that is received directly, or by reflection at a line. Two states are the vehicle's
+    /// position relative to the source (eq. 2) or the source's alone, four are the vehicle's and the source's (eq. 8).
     pub(super) fn new(
         source_ned_m: Horizontal,
         seen_through: Option<&Wall>,
@@ -52,7 +54,8 @@ impl<const L: usize> Sensor<L> {
         near_m: f32,
         noise_m2: [f32; 2],
     ) -> Self {
-        // d = p - mirror(source); the derivative of a bearing is a quarter turn of d, that of the mirror its linear part.
+        // d = p - mirror(source); the derivative of a bearing is a quarter turn of d, that of the mirror its linear
+        // part.
         let (image, mirror) = match seen_through {
             Some(line) => {
                 let n = line.normal_ned;
@@ -109,7 +112,7 @@ impl<const L: usize> Sensor<L> {
         let h = self.rows.map(|row| row[0] * d[0] + row[1] * d[1]);
         let z = full.map(|row| dot(&row, &h));
         let spread = self.spread(d);
-        // A vehicle at the source itself measures nothing: there the sum is zero.
+        // A vehicle exactly at the source measures nothing: there the sum is zero.
         let s = dot(&h, &z) + self.variance_rad2 * spread * spread + f32::MIN_POSITIVE;
         Gain { d, full, h, z, s }
     }
@@ -169,9 +172,9 @@ pub(super) struct Slopes<'a, const L: usize> {
 }
 
 impl<const L: usize> Slopes<'_, L> {
-    /// `dP+/dP` (eq. 19), transposed, times a derivative by the triangle of `P+`: that by the triangle of `P`. Of the matrix
-    /// `G` that `slope` stands for, `A'GA = G - h w' - w h'` with `w = G z/s - h (z'Gz) / 2s^2`, so that nothing of `M x M`
-    /// is built.
+    /// `dP+/dP` (eq. 19), transposed, times a derivative by the triangle of `P+`: gives the derivative by the triangle
+    /// of `P`. Of the matrix `G` that `slope` stands for, `A'GA = G - h w' - w h'` with `w = G z/s - h (z'Gz) / 2s^2`,
+    /// so that no `M x M` matrix is built.
     #[inline]
     pub(super) fn pull<const M: usize>(&self, slope: &[f32; M]) -> [f32; M] {
         let mut w = [0.0; L];
@@ -196,7 +199,7 @@ impl<const L: usize> Slopes<'_, L> {
         out
     }
 
-    /// `dP+/dp` (eq. 18, whose chain ends at the place: `dH/dx` is within) on triangles.
+    /// `dP+/dp` (eq. 18, with `dH/dx` included) on triangles.
     #[inline]
     pub(super) fn by_place<const M: usize>(&self) -> [[f32; M]; 2] {
         let z = &self.gain.z;
@@ -217,8 +220,8 @@ impl<const L: usize> Slopes<'_, L> {
     }
 
     /// Second derivatives of `tr(G P+)`, where `slope` is the derivative by the triangle of `P+`: place by place
-    /// `[nn, ne, ee]`, and place by covariance. The one by the covariance twice is never positive, costs most, and spares no
-    /// iterations; it is left out.
+    /// `[nn, ne, ee]`, and place by covariance. The second derivative by the covariance is left out: it is never
+    /// positive, costs most, and does not reduce the number of iterations.
     #[inline]
     pub(super) fn curvature<const M: usize>(&self, slope: &[f32; M]) -> Curvature<M> {
         let Gain { d, h, z, .. } = &self.gain;
@@ -286,8 +289,8 @@ fn square<const L: usize, const M: usize>(slope: &[f32; M]) -> [[f32; L]; L] {
 
 /// Second derivatives of `tr(G P+)`.
 pub(super) struct Curvature<const M: usize> {
-    /// By the place, twice.
+    /// By the position, twice.
     pub(super) place: [f32; 3],
-    /// By the place and by the triangle of `P`.
+    /// By the position and by the triangle of `P`.
     pub(super) mixed: [[f32; M]; 2],
 }

@@ -1,16 +1,17 @@
-//! The iteration: a quadratic model backwards, a rollout forwards (differential dynamic programming with an interior point,
-//! after A. Pavlov, I. Shames, C. Manzie, "Interior point differential dynamic programming", 2021).
+//! The iteration: a quadratic model in a backward pass, a rollout in a forward pass (differential dynamic programming
+//! with an interior point, after A. Pavlov, I. Shames, C. Manzie, "Interior point differential dynamic programming",
+//! 2021).
 //!
-//! A control moves the place only, and what is measured depends on the place that it leads to, so that all functions of the
-//! state before and the control are functions of the place after and of the covariance before. The model is built in these
-//! two and split at the end: the place before and the control have the same derivatives.
+//! A control changes the position only, and the measurement depends on the position after it. So all functions of the
+//! state before and the control are functions of the position after and of the covariance before. The model is built in
+//! these two and split at the end: the derivatives by the position before and by the control are equal.
 //!
-//! An inequality with room `y > 0` has a barrier `-mu ln y` and a dual `l`; its curvature in the model is `l / y`, as in the
-//! paper's perturbed complementarity `l y = mu`. Below a small room the logarithm goes on as its parabola, so that the start
-//! may go through obstacles: it is pushed out, and once out stays out.
+//! An inequality with slack (room) `y > 0` has a barrier `-mu ln y` and a dual `l`; its curvature in the model is
+//! `l / y`, as in the paper's perturbed complementarity `l y = mu`. Below a small slack the logarithm is continued as a
+//! parabola, so that the initial path may go through obstacles: it is pushed out, and does not enter again.
 //!
-//! Different from the paper's solver, the model has the second derivatives of the covariance update (they are cheap): the
-//! trace is linear in the covariance, so that without them nothing tells how far to bend.
+//! Unlike the paper's solver, the model includes the second derivatives of the covariance update (they are cheap): the
+//! trace is linear in the covariance, so that without them the model does not show how far to bend the path.
 
 use crate::base::obstacle::Obstacle;
 
@@ -18,7 +19,7 @@ use super::clearance::{NEAREST, Near};
 use super::sensor::{Sensor, Slopes, at};
 use super::{Bound, Planner, Step};
 
-/// What a solve holds on to.
+/// The problem and the parameters of a solve.
 pub(super) struct Search<'a, const L: usize> {
     pub(super) planner: &'a Planner,
     pub(super) sensor: Sensor<L>,
@@ -29,14 +30,14 @@ pub(super) struct Search<'a, const L: usize> {
     pub(super) weight: [f32; L],
     /// Weight of the barrier.
     pub(super) mu: f32,
-    /// Room below which the barrier is a parabola.
+    /// Slack below which the barrier is a parabola.
     pub(super) delta_m: f32,
     pub(super) inverse_delta: f32,
-    /// Added to the curvature by the control.
+    /// Regularisation: added to the curvature by the control.
     pub(super) rho: f32,
 }
 
-/// How a step answers to a change of the state before it.
+/// The control law of a step: its response to a change of the state before it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Law<const M: usize> {
     pub(super) feedforward: [f32; 2],
@@ -48,20 +49,20 @@ impl<const M: usize> Law<M> {
     pub(super) const ZERO: Self = Self { feedforward: [0.0; 2], by_place: [[0.0; 2]; 2], by_covariance: [[0.0; M]; 2] };
 }
 
-/// What the pass backwards found.
+/// Result of the backward pass.
 pub(super) struct Model {
-    /// Cost and barriers of the path as it is.
+    /// Cost and barriers of the present path.
     pub(super) merit: f32,
     /// First-order decrease of a whole step.
     pub(super) decrease: f32,
-    /// Least room to an obstacle.
+    /// Smallest slack to an obstacle.
     pub(super) room_m: f32,
     /// Largest dual of an obstacle.
     pub(super) dual: f32,
 }
 
-/// The logarithm of many rooms: their product, and now and then its logarithm. Rooms come in handfuls, whose product no `f32`
-/// is too small for.
+/// The sum of the logarithms of many slacks: they are multiplied, and the logarithm of the product is taken only when
+/// it becomes very large or small. They come in small groups whose product fits in an `f32`.
 struct Product {
     product: f32,
     sum: f32,
@@ -86,7 +87,7 @@ impl Product {
     }
 }
 
-/// The value of what is still to come, as a parabola around the path: `p` the place, `c` the covariance.
+/// The cost-to-go, as a quadratic function around the path: `p` the position, `c` the covariance.
 struct Value<const M: usize> {
     p: [f32; 2],
     c: [f32; M],
@@ -98,7 +99,7 @@ struct Value<const M: usize> {
 impl<const M: usize> Value<M> {
     const NOTHING: Self = Self { p: [0.0; 2], c: [0.0; M], pp: [0.0; 3], pc: [[0.0; M]; 2], cc: [[0.0; M]; M] };
 
-    /// The same value by the covariance before the update; the place stays that after the control.
+    /// The same value as a function of the covariance before the update; the position is still that after the control.
     #[inline]
     fn before<const L: usize>(&self, slopes: &Slopes<'_, L>) -> Self {
         let by_place: [[f32; M]; 2] = slopes.by_place();
@@ -131,7 +132,7 @@ impl<const M: usize> Value<M> {
         Self { p, c, pp, pc, cc }
     }
 
-    /// Lets the control answer by its law.
+    /// Substitutes the control by its law.
     #[inline]
     fn close(&mut self, law: &Law<M>, slope: [f32; 2]) {
         let k = &law.by_place;
@@ -176,7 +177,7 @@ fn inner<const M: usize>(a: &[f32; M], b: &[f32; M]) -> f32 {
 }
 
 impl<const L: usize> Search<'_, L> {
-    /// What the logarithm of a room is taken of; where that goes on as a parabola, the parabola is added.
+    /// The number whose logarithm is the barrier of a slack; where the barrier is a parabola, its value is added.
     #[inline]
     fn barrier(&self, room: f32, barriers: &mut Barriers) -> f32 {
         if room > self.delta_m {
@@ -188,7 +189,7 @@ impl<const L: usize> Search<'_, L> {
         }
     }
 
-    /// Lets the logarithm go on to less room.
+    /// Continues the logarithm to a smaller slack.
     pub(super) fn steepen(&mut self, delta_m: f32) {
         (self.delta_m, self.inverse_delta) = (delta_m, 1.0 / delta_m);
     }
@@ -206,7 +207,7 @@ impl<const L: usize> Search<'_, L> {
         sum
     }
 
-    /// Builds the model around the path and from it the laws. `None` where it has no minimum.
+    /// Builds the model around the path, and the control laws from it. `None` if it has no minimum.
     pub(super) fn backward<const M: usize>(
         &self,
         path: &[Step<M>],
@@ -309,7 +310,7 @@ impl<const L: usize> Search<'_, L> {
         }
     }
 
-    /// By how much the covariance widens the obstacles, and the derivative.
+    /// How far the covariance widens the obstacles, and the derivative.
     #[inline]
     pub(super) fn width<const M: usize>(&self, covariance: &[f32; M]) -> (f32, [f32; 3]) {
         let config = &self.planner.config;
@@ -321,7 +322,7 @@ impl<const L: usize> Search<'_, L> {
         }
     }
 
-    /// The control's own terms, and the law that follows.
+    /// The control's own terms, and the resulting law.
     #[inline]
     fn control<const M: usize>(
         &self,
@@ -360,7 +361,7 @@ impl<const L: usize> Search<'_, L> {
             }
         }
         let determinant = curve[0] * curve[2] - curve[1] * curve[1];
-        // Positive, and far enough from where rounding decides.
+        // Positive definite, by more than rounding errors.
         if !(curve[0] > 0.0 && curve[2] > 0.0 && determinant > 1e-6 * curve[0] * curve[2]) {
             return None;
         }
@@ -380,7 +381,8 @@ impl<const L: usize> Search<'_, L> {
         Some((law, Terms { slope, cost }))
     }
 
-    /// Rolls the laws out, a share of their feedforward, into `trial`; its merit, or `None` where it is no path.
+    /// Rolls the laws out into `trial`, with a share of their feedforward; returns its merit, or `None` if a step moved
+    /// too far or the merit is not finite.
     pub(super) fn forward<const M: usize>(
         &self,
         path: &[Step<M>],
@@ -449,7 +451,8 @@ impl<const L: usize> Search<'_, L> {
         cost
     }
 
-    /// Moves the duals of what was accepted: Newton's step of `l y = mu`, within a factor of what the barrier has.
+    /// Updates the duals after an accepted step: Newton's step of `l y = mu`, limited to a factor around the barrier's
+    /// value.
     pub(super) fn move_duals<const M: usize>(
         &self,
         from: &[Step<M>],
@@ -478,7 +481,7 @@ impl<const L: usize> Search<'_, L> {
     }
 }
 
-/// Barriers, summed.
+/// Sum of the barriers.
 struct Barriers {
     rooms: Product,
     parabolas: f32,
@@ -490,9 +493,9 @@ impl Barriers {
     }
 }
 
-/// What the control adds.
+/// The control's contribution.
 struct Terms {
-    /// Derivative of all that is to come by the control.
+    /// Derivative of the cost-to-go by the control.
     slope: [f32; 2],
     cost: f32,
 }

@@ -10,7 +10,7 @@ fn place(rng: &mut Rng, size_m: f32) -> Horizontal {
     Horizontal { north: size_m * (rng.uniform() - 0.5), east: size_m * (rng.uniform() - 0.5) }
 }
 
-/// A random covariance: a product of a matrix and its transpose, with something on the diagonal.
+/// A random covariance: a product of a matrix and its transpose, plus a diagonal matrix.
 fn covariance<const L: usize, const M: usize>(rng: &mut Rng) -> [f32; M] {
     let factor: [[f32; L]; L] = core::array::from_fn(|_| core::array::from_fn(|_| rng.gaussian()));
     let mut out = [0.0; M];
@@ -29,7 +29,7 @@ fn sensor<const L: usize>(rng: &mut Rng, mirrored: bool) -> (Sensor<L>, Horizont
     (Sensor::new(source, line.as_ref(), 0.2 * 0.2, 0.3, noise), source, line)
 }
 
-/// Eq. 16 and 17 literally, in f64: the measurement is `[cos, sin]` of eq. 3, its Jacobian by finite differences of `h`.
+/// Eq. 16 and 17 literally, in f64: the measurement `[cos, sin]` of eq. 3, its Jacobian by finite differences of `h`.
 fn literal<const L: usize, const M: usize>(
     p: &[f32; M],
     at_place: Horizontal,
@@ -127,7 +127,7 @@ fn derivatives_agree<const L: usize, const M: usize>(seed: u64) {
         let (sensor, source, line) = sensor::<L>(&mut rng, case % 2 == 1);
         let p = covariance::<L, M>(&mut rng);
         let here = place(&mut rng, 12.0);
-        // Nearer than that the differences are coarse, not the derivatives.
+        // Nearer than that the finite differences are inaccurate, not the derivatives.
         if line.map_or(source, |line| line.mirror(source)).minus(here).norm() < 1.5 {
             continue;
         }
@@ -214,7 +214,7 @@ fn the_largest_eigenvalue_and_its_derivative_are_those_of_finite_differences() {
             }
         }
     }
-    // Where both eigenvalues are the same it has no derivative, and what is returned is finite.
+    // Where both eigenvalues are equal it has no derivative, and the returned one is finite.
     let (value, slope) = Spread::Deviation.of([0.25, 0.0, 0.25]);
     assert!((value - 0.5).abs() < 1e-5 && slope.iter().all(|slope| slope.is_finite()));
 }
@@ -258,7 +258,7 @@ fn the_nearest_of_three_hundred_obstacles_are_found_and_hold_as_long_as_they_say
             assert!((room - rooms[number]).abs() < 1e-4, "{number}: {room} {rooms:?}");
         }
         before = Some(near);
-        // As far away as they hold, none of the others is touched.
+        // Within the distance for which the list is valid, no other obstacle is touched.
         let moved = here.plus(Horizontal::from_bearing(6.0 * rng.uniform()).times(4.0));
         if near.holds([moved.north, moved.east], 1.0) {
             let least = obstacles.iter().map(|obstacle| obstacle.clearance_m(moved)).fold(f32::INFINITY, f32::min);
@@ -293,7 +293,7 @@ fn circle(north: f32, east: f32, reach_m: f32) -> Obstacle {
     Obstacle { center_ned_m: Horizontal { north, east }, reach_m }
 }
 
-/// `n` circles of a metre's square each around the path.
+/// `n` circles around the path, one per square metre.
 fn forest(rng: &mut Rng, n: usize) -> Vec<Obstacle> {
     let side = (n as f32).sqrt();
     (0..n)
@@ -466,7 +466,7 @@ fn among_three_hundred_obstacles_no_path_goes_through_one_unseen() {
         let obstacles = forest(&mut rng, 300);
         let problem = Problem { steps: 40, covariance_m2: [0.3, 0.0, 0.3], ..passing(&obstacles) };
         let solution = planner.solve(&mut workspace, &problem);
-        // Looked at apart: all obstacles, all segments.
+        // Checked separately: all obstacles, all segments.
         let mut before = problem.start_ned_m;
         let mut least = f32::INFINITY;
         for step in solution.path {

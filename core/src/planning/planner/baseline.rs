@@ -1,5 +1,5 @@
-//! What a configuration may name of the papers' planners, so that one configuration says all of a flight. What they do is in
-//! the crate `foxhound-papers`.
+//! The configuration of the papers' planners, so that one configuration describes a whole flight. The planners
+//! themselves are in the crate `foxhound-papers`.
 
 /// The laws of repulsion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -9,7 +9,7 @@ pub enum Kind {
     /// The main paper's (eq. 36).
     #[default]
     Logarithmic,
-    /// What the main paper replaces (eq. 34).
+    /// The law that the main paper replaces (eq. 34).
     InverseDistance,
     /// The traditional one (variants paper, eq. 3-6).
     Khatib,
@@ -17,12 +17,12 @@ pub enum Kind {
     Rizqi,
     /// The optimized one, with a power of the distance to the goal (variants paper, eq. 8-9).
     Sun,
-    /// With a push to the side (variants paper, eq. 10).
+    /// The one with a sideways force (variants paper, eq. 10).
     VirtualForce,
 }
 
 impl Kind {
-    /// All of them.
+    /// All laws.
     pub const ALL: [Self; 6] =
         [Self::Logarithmic, Self::InverseDistance, Self::Khatib, Self::Rizqi, Self::Sun, Self::VirtualForce];
 }
@@ -49,12 +49,12 @@ pub enum Exponent {
 pub struct Law {
     /// Which law.
     pub kind: Kind,
-    /// [`Kind::Rizqi`]: distance `p_m` below which the force is constant. Half the influence range where it is
-    /// not within that.
+    /// [`Kind::Rizqi`]: distance `p_m` below which the force is constant. Half the influence range is used if `p_m` is
+    /// not less than the influence range.
     pub core_m: f32,
     /// [`Kind::Sun`]: power of the distance to the goal.
     pub exponent: Exponent,
-    /// [`Kind::VirtualForce`]: gain `k_v` of the push to the side.
+    /// [`Kind::VirtualForce`]: gain `k_v` of the sideways force.
     pub k_virtual: f32,
 }
 
@@ -65,28 +65,28 @@ impl Default for Law {
 }
 
 impl Law {
-    /// A law; the paper prints no parameters, these suit metres and gains near one.
+    /// A law with default parameters; the paper prints none, these suit metres and gains near one.
     #[must_use]
     pub const fn of(kind: Kind) -> Self {
         Self { kind, core_m: 0.2, exponent: Exponent::Two, k_virtual: 0.3 }
     }
 }
 
-/// What the main paper's "gradient descent" with 15 steps is taken to be.
+/// How the main paper's "gradient descent" with 15 steps is interpreted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Reading {
-    /// From waypoint to waypoint one force evaluation and 2 m / 15 in its direction.
+    /// One force evaluation per waypoint, and a step of 2 m / 15 in its direction.
     #[default]
     Waypoint,
-    /// The same in four steps of a quarter each.
+    /// The same in four steps of a quarter of that each.
     Quarters,
-    /// To the letter: the force times 0.02, at most 2 m / 15. Fifteen of these cover half a metre.
+    /// Literally: a step of the force times 0.02, at most 2 m / 15. Fifteen of these cover half a metre.
     Gradient,
 }
 
-/// How `|T_j - T_init|` of eq. 47 is read.
+/// How `|T_j - T_init|` of eq. 47 is interpreted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
@@ -94,6 +94,6 @@ pub enum Offsets {
     /// As the signed offset, point by point.
     #[default]
     Signed,
-    /// To the letter, as a distance, which is then added to both coordinates of a point.
+    /// Literally, as a distance, which is then added to both coordinates of a point.
     Scalar,
 }

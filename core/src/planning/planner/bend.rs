@@ -1,8 +1,9 @@
-//! Bends the path where nothing else does and the range is not known: a bearing tells the range only to who moves across it.
+//! Bends the path where no obstacle does and the range is unknown: bearings determine the range only when the vehicle
+//! moves across the line of sight.
 //!
-//! The belief-space planner ([`crate::planning::ilqr`]) is asked for a path of up to six metres towards where the source is
-//! believed to be, a tenth longer than the straight one, on which the covariance of the source's place shrinks most. What it
-//! finds is a candidate like any other: the first two metres are flown if they keep their margin.
+//! The belief-space planner ([`crate::planning::ilqr`]) plans a path of up to six metres towards the estimated source,
+//! at most a tenth longer than the straight one, that reduces the covariance of the source's position most. The result
+//! is a candidate like any other: its first two metres are flown if they keep their margin.
 
 use super::{Learn, PlanRequest};
 use crate::base::error::ConfigError;
@@ -12,16 +13,16 @@ use crate::planning::rollout::{SPACING_M, Trajectory, WAYPOINTS};
 
 /// Steps of a bent path.
 const STEPS: usize = 20;
-/// It ends at this share of the believed range, and not farther off than this.
+/// The bent path ends at this share of the estimated range, and at most at this distance.
 const SHARE: f32 = 0.6;
 const LENGTH_MAX_M: f32 = 6.0;
-/// Nearer than this, or beyond, the range is not worth a bend.
+/// Smallest and largest estimated range at which the path is bent.
 const RANGE_M: [f32; 2] = [3.0, 60.0];
-/// How much longer than the straight one it may be.
+/// Largest extra length, as a share of the straight path.
 const STRETCH: f32 = 0.1;
-/// How far the first guess swings, as a share of its length.
+/// Sideways deviation of the first guess, as a share of its length.
 const SWING: f32 = 0.15;
-/// No variance counts as more than this: beyond it, all is the same to a linear filter.
+/// Largest sum of the variances that is used: a linear filter does not represent larger ones.
 const VARIANCE_MAX_M2: f32 = 25.0;
 
 /// The belief-space planner for this use; `stride_m` is its longest step.
@@ -86,7 +87,7 @@ pub(super) fn bend(request: &PlanRequest, learn: &Learn, obstacles: &[Obstacle])
         }
         (at, left_m) = (step.place_ned_m, left_m - leg_m);
     }
-    // A path shorter than two metres ends where it ends.
+    // A path shorter than two metres stays at its end.
     waypoints.get_mut(filled..)?.fill(at);
     (filled > WAYPOINTS / 2 && waypoints.iter().all(|place| place.is_finite())).then_some(waypoints)
 }

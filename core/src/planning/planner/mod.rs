@@ -1,19 +1,19 @@
-//! The slow door: a temporary target and the known obstacles in, a trajectory of 15 waypoints out.
+//! The slow loop's planner: a temporary target and the known obstacles in, a trajectory of 15 waypoints out.
 //!
-//! The main paper's method (section III-B, Algorithm 2): draw ten sets of field parameters (eq. 38-40), follow each field,
-//! cost each trajectory (eq. 41-45), weigh them by `w = exp(-S / lambda)` (eq. 46), average their offsets from the initial
-//! trajectory (eq. 47) and follow the sampled trajectory nearest to that average. Three kinds, of which
-//! the first two are in the crate `foxhound-papers`:
+//! The main paper's method (section III-B, Algorithm 2): draw ten sets of field parameters (eq. 38-40), follow each
+//! field, compute each trajectory's cost (eq. 41-45), weight them by `w = exp(-S / lambda)` (eq. 46), average their
+//! offsets from the initial trajectory (eq. 47) and follow the sampled trajectory nearest to that average. Three kinds,
+//! of which the first two are in the crate `foxhound-papers`:
 //!
-//! - [`Kind::Paper`], to the letter, with eq. 47's `|T_j - T_init|` read as the signed offset point by point (a distance
-//!   cannot be added to a point);
+//! - [`Kind::Paper`], literally, with eq. 47's `|T_j - T_init|` interpreted as the signed offset point by point (a
+//!   distance cannot be added to a point);
 //! - [`Kind::Standard`], the paper's baseline: the initial trajectory alone;
-//! - [`Kind::Foxhound`], the default: the same samples and waypoints, but a posterior of where the source is, a path there
-//!   through what is remembered, soft repulsion, a sampled swirl, and only trajectories whose swept path keeps its margin
-//!   may be chosen (`planner/mppi.rs`). Nothing safe: a brake plan, which says so. (The paper holds that sampled
-//!   trajectories cannot cross obstacles; with finite steps they do.)
+//! - [`Kind::Foxhound`], the default: the same samples and waypoints, but with a posterior of the source's position, a
+//!   path there around the remembered obstacles, soft repulsion and a sampled swirl; and only trajectories whose swept
+//!   path keeps its margin may be chosen (`planner/mppi.rs`). If none is safe, the answer is a brake plan. (The paper
+//!   states that sampled trajectories cannot cross obstacles; with finite steps they can.)
 //!
-//! The paper says that a larger lambda makes the weights stricter; eq. 46 says the opposite, and eq. 46 is what is built.
+//! The paper says that a larger lambda makes the weights stricter; eq. 46 says the opposite, and eq. 46 is implemented.
 
 use heapless::Vec;
 
@@ -47,7 +47,7 @@ pub const SAMPLES: usize = 10;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Kind {
-    /// Ours.
+    /// Foxhound's planner.
     #[default]
     Foxhound,
     /// The main paper's Algorithm 2.
@@ -56,7 +56,7 @@ pub enum Kind {
     Standard,
 }
 
-/// What the planner needs to know.
+/// Configuration of the planner.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
@@ -70,34 +70,35 @@ pub struct Config {
     pub gains_min: Gains,
     /// Temperature of eq. 46, in units of the cost.
     pub lambda: f32,
-    /// How the field of the papers' planners repels.
+    /// Repulsion law of the papers' planners.
     pub law: Law,
-    /// How their trajectories follow it.
+    /// How their trajectories follow the field.
     pub reading: Reading,
-    /// What a wall is.
+    /// What counts as a wall.
     pub walls: walls::Config,
-    /// Whether the path is bent to learn the range, where nothing is near and nothing else bends it. Only
-    /// [`Kind::Foxhound`] does.
+    /// Whether the path is bent to learn the range, where no obstacle is near. Only [`Kind::Foxhound`] does it.
     pub bends: bool,
-    /// How to search while nothing is heard; `None`: the vehicle holds instead. Only [`Kind::Foxhound`] can.
+    /// How to search while no signal is received; `None`: the vehicle holds instead. Only [`Kind::Foxhound`] can
+    /// search.
     pub explore: Option<explore::Config>,
-    /// Range of the obstacle sensor, and its field of view: what a search has looked at.
+    /// Range of the obstacle sensor, and its field of view: they decide what counts as searched.
     pub sees_m: f32,
     /// See `sees_m`.
     pub sees_rad: f32,
-    /// How [`Kind::Paper`] averages them.
+    /// How [`Kind::Paper`] averages the samples' offsets.
     pub offsets: Offsets,
     /// Radius of the vehicle.
     pub vehicle_radius_m: f32,
     /// Clearance that a trajectory of [`Kind::Foxhound`] keeps from every known obstacle.
     pub margin_m: f32,
-    /// Clearance that it keeps where there is no room for more.
+    /// Clearance that it keeps where there is no space for more.
     pub tight_margin_m: f32,
     /// Farthest temporary target (main paper, section IV: 2 m).
     pub horizon_m: f32,
-    /// The path around.
+    /// Configuration of the path search.
     pub wavefront: wavefront::Config,
-    /// Segments, from the start, that must keep the margin: what may be flown before the next replan and some more.
+    /// Number of segments, from the start, that must keep the margin: those that may be flown before the next replan,
+    /// and some more.
     pub checked_segments: u8,
 }
 
@@ -108,7 +109,7 @@ impl Default for Config {
 }
 
 impl Config {
-    /// The defaults of a kind. The paper's gains are not printed; these are the ones an independent reproduction found.
+    /// The defaults of a kind. The paper does not print its gains; these were found by an independent reproduction.
     #[must_use]
     pub const fn of(kind: Kind) -> Self {
         let (gains, gains_sigma) = match kind {
@@ -147,8 +148,8 @@ impl Config {
     /// Checks the configuration.
     ///
     /// # Errors
-    /// The field that is out of range, or `planner.kind` or `planner.law.kind` where they are of the papers, the value being
-    /// their number.
+    /// The field that is out of range; or `planner.kind` or `planner.law.kind` if it is one of the papers', with its
+    /// number as the value.
     pub fn build(&self) -> Result<Planner, ConfigError> {
         for (field, number) in [("planner.kind", self.kind as u8), ("planner.law.kind", self.law.kind as u8)] {
             if number != 0 {
@@ -186,72 +187,73 @@ impl Config {
     }
 }
 
-/// The source's range is not known, and the path may be bent to learn it.
+/// Request to bend the path because the source's range is unknown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Learn {
-    /// Where the source is believed to be.
+    /// The estimated position of the source.
     pub source_ned_m: Horizontal,
-    /// How well that is known: north-north, north-east, east-east.
+    /// Its covariance: north-north, north-east, east-east.
     pub covariance_m2: [f32; 3],
     /// Standard deviation of the bearings to come.
     pub sigma_rad: f32,
 }
 
-/// Nothing is heard, and the vehicle is to look for it.
+/// Request to search because no signal is received.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Search {
     /// The time of the request.
     pub now: Instant,
-    /// Where the vehicle is, and where it looks.
+    /// The vehicle's position and heading.
     pub pose: Pose,
 }
 
-/// What came of a search.
+/// Result of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Searched {
-    /// The plan leads to where nobody has looked yet.
+    /// The plan leads to a place that has not been searched yet.
     On,
-    /// It has taken its time, or everything within its radius has been looked at.
+    /// The search is over: its time has run out, or everything within its radius has been searched.
     Ended,
 }
 
-/// What the planner is asked; a copy, so that it may be answered while the fast loop goes on.
+/// A request to the planner; a copy, so that it can be answered while the fast loop goes on.
 #[derive(Clone, Debug, Default)]
 pub struct PlanRequest {
-    /// Counts the requests of a flight; seeds the draws together with `seed`.
+    /// Number of the request in a flight; seeds the draws together with `seed`.
     pub id: u32,
     /// Seed of the flight.
     pub seed: u64,
-    /// Nothing that was learned before is to be used.
+    /// Start anew: nothing that was learned before is used.
     pub fresh: bool,
-    /// The first since the vehicle was handed over: what is known of the world stays, what was tried does not count.
+    /// The first request since the vehicle was handed over: obstacles and source stay known, earlier attempts to reach
+    /// it are forgotten.
     pub begins: bool,
     /// Where the trajectory starts.
     pub start_ned_m: Horizontal,
-    /// A place on the source's bearing, at a fixed distance: where it leads without better knowledge.
+    /// A place on the source's bearing, at a fixed distance: the target if nothing better is known.
     pub target_ned_m: Horizontal,
     /// Where the vehicle is.
     pub position_ned_m: Horizontal,
-    /// Unit vector from there to the source, averaged; zero when there is none.
+    /// Averaged unit vector from there to the source; zero when there is none.
     pub direction_ned: Horizontal,
-    /// What has been heard of the source since the last request.
+    /// The sightings of the source since the last request.
     pub sightings: Vec<Sighting, SIGHTINGS_MAX>,
-    /// How far gusts push the vehicle about: so much farther it keeps from what stands still.
+    /// How far gusts push the vehicle: its distance to standing obstacles is increased by this.
     pub gust_margin_m: f32,
-    /// Where the source is, when that is known.
+    /// The position of the source, if it is known.
     pub known_source_ned_m: Option<Horizontal>,
-    /// The range is not known.
+    /// Set when the range is unknown: bend the path.
     pub learn: Option<Learn>,
-    /// Nothing is heard: where to look.
+    /// Set when no signal is received: search.
     pub search: Option<Search>,
-    /// Whether the lines of reflection are wanted.
+    /// Whether the lines of reflection are requested.
     pub wants_lines: bool,
 }
 
-/// What came of a request.
+/// Result of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -259,7 +261,7 @@ pub struct PlanRequest {
 pub enum Verdict {
     /// A trajectory to follow.
     Follow,
-    /// Nothing keeps its margin: stay where you are.
+    /// No trajectory keeps its margin: stay at the present position.
     Brake,
 }
 
@@ -269,23 +271,23 @@ pub enum Verdict {
 pub struct Plan {
     /// The request that it answers.
     pub id: u32,
-    /// What came of it.
+    /// Its result.
     pub verdict: Verdict,
-    /// Where it starts.
+    /// Where the trajectory starts.
     pub start_ned_m: Horizontal,
     /// The trajectory to follow; for a brake plan, the start throughout.
     pub waypoints_ned_m: Trajectory,
-    /// The gains behind it.
+    /// The gains of the trajectory.
     pub gains: Gains,
     /// Its cost (eq. 41).
     pub cost: f32,
     /// The temporary target that it leads to.
     pub target_ned_m: Horizontal,
-    /// Where the source is believed to be.
+    /// The estimated position of the source.
     pub source: Option<Estimate>,
-    /// What came of the search, if one was wanted.
+    /// Result of the search, if one was requested.
     pub search: Option<Searched>,
-    /// The lines of reflection among the known obstacles, if they were wanted.
+    /// The lines of reflection among the known obstacles, if they were requested.
     pub lines: Vec<Wall, WALLS_MAX>,
 }
 
@@ -308,7 +310,7 @@ impl Plan {
     }
 }
 
-/// The planner's memory: what it has learned of the source, and room to work in. After a replan it shows what was drawn.
+/// The planner's memory: its estimate of the source, and its workspace. After a replan it contains the samples.
 #[derive(Clone, Debug)]
 pub struct Workspace {
     /// The trajectory with the mean gains.
@@ -321,9 +323,9 @@ pub struct Workspace {
     pub costs: [f32; SAMPLES],
     /// Whether they may be chosen.
     pub feasible: [bool; SAMPLES],
-    /// The known obstacles, in the end those that matter within the horizon.
+    /// The known obstacles; at the end only those that matter within the horizon.
     obstacles: Vec<Obstacle, CIRCLES_MAX>,
-    /// The obstacles as rollouts look at them.
+    /// The obstacles as used by the rollouts.
     pub scene: Scene,
     memory: mppi::Memory,
     explore: explore::State,
@@ -336,7 +338,7 @@ impl Default for Workspace {
 }
 
 impl Workspace {
-    /// An empty memory; all its bits are zero, so that it takes no room in flash.
+    /// An empty memory; all its bits are zero, so that it takes no flash.
     #[must_use]
     pub const fn new() -> Self {
         const ZERO: Horizontal = Horizontal { north: 0.0, east: 0.0 };
@@ -354,13 +356,13 @@ impl Workspace {
         }
     }
 
-    /// Where the source may be, and how likely, as [`Kind::Foxhound`] has learned it; none before the first sighting. For
-    /// pictures and tests.
+    /// The weighted particles of the source's position in [`Kind::Foxhound`]; none before the first sighting. For
+    /// figures and tests.
     pub fn particles(&self) -> impl Iterator<Item = (Horizontal, f32)> {
         self.memory.particles()
     }
 
-    /// Puts a sample into the plan.
+    /// Copies a sample into the plan.
     fn choose(&self, chosen: usize, plan: &mut Plan) {
         if let (Some(sample), Some(gains), Some(cost)) =
             (self.samples.get(chosen), self.gains.get(chosen), self.costs.get(chosen))
@@ -380,7 +382,7 @@ pub struct Planner {
 }
 
 impl Planner {
-    /// The answer that says to stay where the request starts.
+    /// The answer to stay at the request's start.
     #[must_use]
     pub fn brake(&self, request: &PlanRequest) -> Plan {
         Plan::brake(&self.config, request)
@@ -395,7 +397,7 @@ impl Planner {
         plan
     }
 
-    /// To the source; to where nobody has looked, when it is not heard.
+    /// Plans to the source, or to a place that has not been searched when no signal is received.
     fn seek(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan {
         if request.begins {
             workspace.explore.end();
@@ -419,7 +421,7 @@ impl Planner {
         }
     }
 
-    /// The walls among the known obstacles. Its memory is on the stack: it is not used together with the rest.
+    /// The walls among the known obstacles. Its workspace is on the stack: it is not used at the same time as the rest.
     #[must_use]
     #[inline(never)]
     pub fn lines(&self, seen_from_ned_m: Horizontal, known: &[Disc]) -> Vec<Wall, WALLS_MAX> {

@@ -1,23 +1,27 @@
-//! Ours: know where the source may be, find the path round what is remembered, sample the last two metres.
+//! Foxhound's planner: estimates where the source may be, finds the path around the remembered obstacles, and samples
+//! trajectories over the next two metres.
 //!
-//! 1. The sightings since the last request weigh the posterior of the source ([`crate::localize::goal::posterior`]).
-//! 2. A wave from the start measures the path to every place in the window ([`crate::planning::wavefront`]). The source is
-//!    aimed at where it can be reached: the mean of the particles to which there is a path.
-//! 3. The temporary target is the farthest place of the path there that is at most two metres off and in sight.
+//! 1. The sightings since the last request update the posterior of the source ([`crate::localize::goal::posterior`]).
+//! 2. A wave from the start gives the length of the path to every place in the window ([`crate::planning::wavefront`]).
+//!    If the source's estimate cannot be reached, the aim is the mean of the particles to which there is a path.
+//! 3. The temporary target is the farthest place on the path that is at most two metres away and in sight.
 //! 4. The paper's ten samples lead to it, with soft gains and a sampled swirl; only those whose swept path keeps its
-//!    margin may be chosen. None left: the path itself. That not clear either: a brake plan.
+//!    margin may be chosen. If there are none, the straight line to the target is flown. If that is not clear either,
+//!    the answer is a brake plan.
 //!
-//! Seen from far, a pillar is known badly, and a gap seems closed that is open. So the path leads round the discs as they were
-//! measured, while samples keep clear of their sigma, too, which shrinks on the way. Without coming nearer, so does the path.
+//! Seen from a distance, a pillar's size is uncertain, and an open gap can seem closed. So the path leads around the
+//! discs as they were measured, while samples also keep clear of their sigma, which shrinks on the way. After some
+//! replans without progress, the path keeps clear of it, too.
 //!
-//! Some seconds without coming nearer begin a detour: every fourth replan then looks at a window three times as wide and as
-//! coarse, and those between follow the path found there, until the vehicle is nearer to the source than it has ever been
-//! (the leave condition of `TangentBug`, Kamon, Rivlin and Rimon 1996). What takes a minute and more without coming nearer
-//! is given up: there is no way.
+//! After some seconds without progress a detour begins: every fourth replan then uses a window three times as wide and
+//! as coarse, and those between follow the path found there, until the vehicle is nearer to the source than it has ever
+//! been (the leave condition of `TangentBug`, Kamon, Rivlin and Rimon 1996). After a minute or more without progress
+//! the source is given up as unreachable.
 //!
-//! Where nothing is near and the range is not known, the path is bent instead ([`super::bend`]).
+//! Where no obstacle is near and the range is unknown, the path is bent instead ([`super::bend`]).
 //!
-//! No path to any place where the source may be: to the nearest place that there is a path to, and a brake plan there.
+//! If there is no path to any place where the source may be, the vehicle flies to the reachable place nearest to it,
+//! and gets a brake plan there.
 
 use heapless::Vec;
 
@@ -38,61 +42,63 @@ use crate::planning::wavefront::{ROUTE_MAX, Wavefront, Window};
 const SOURCE_STREAM: u64 = 0x736f_7572_6365;
 /// Within this the source counts as reached.
 const ARRIVAL_M: f32 = 0.3;
-/// Beyond this, and while the range is vague, the averaged bearing is the better direction; else the posterior's mean, which
-/// does not lag behind when the vehicle passes the source.
+/// Beyond this distance, and while the range is uncertain, the averaged bearing is the better direction; otherwise the
+/// posterior's mean, which does not lag behind when the vehicle passes the source.
 const NEAR_M: f32 = 1.5;
 const VAGUE: f32 = 0.1;
-/// When the source is out of reach, a place must be nearer to it by this to be worth flying there.
+/// When the source cannot be reached, a place must be nearer to it by this to be flown to.
 const WORTH_M: f32 = 0.3;
-/// A sample must end nearer to the target than it began, by this factor.
+/// The distance to the target at the end of a sample must be less than this share of that at its start.
 const NEARER: f32 = 0.5;
 /// Bound of the cost of proximity, 1/m.
 const PROXIMITY_MAX: f32 = 5.0;
-/// Steps in which a place of the path is pushed out of margins.
+/// Number of steps in which a place on the path is pushed out of margins.
 const CENTRING_STEPS: usize = 4;
-/// Share of the posterior that must be within reach for the source to be sought there.
+/// Smallest share of the posterior that must be reachable for the vehicle to fly there.
 const REACHABLE_SHARE: f32 = 0.02;
 
-/// Nearer to the source by this is progress.
+/// Coming nearer to the source by this is progress.
 const PROGRESS_M: f32 = 0.3;
-/// Replans without coming nearer, after which something must be in the way.
+/// Replans without progress, after which an obstacle is assumed to be in the way.
 const PATIENCE: u16 = 8;
-/// Width of the window when it looks far, and how often that is.
+/// Scale of the wide window, and the number of replans from one use of it to the next.
 const FAR_SCALE: f32 = 3.0;
 const FAR_EVERY: u16 = 4;
-/// Replans of a mission that may bend the path to learn the range: some four metres. What has not told it by then will not.
+/// Largest number of replans of a mission that bend the path to learn the range: about four metres. If the range is not
+/// known by then, more bends do not help.
 const BENDS_MAX: u8 = 6;
-/// Two places of the path found are not farther apart than this.
+/// Largest distance between two neighbouring places of the path found.
 const PATH_STEP_M: f32 = 1.0;
-/// A path shorter than this has ended.
+/// A path with less than this left has ended.
 const PATH_MIN_M: f32 = 0.6;
-/// Replans that come to nothing, about a minute's, after which nothing is searched any more but a path to the source followed
-/// that is seen from far, and after twice as many nothing believed; and how many a step of progress makes good.
+/// Replans without progress, about a minute's, after which no new path is searched and only a path to the source from
+/// the wide window is followed. After twice as many the vehicle stops. `CREDIT` is the number of replans that one step
+/// of progress gives back.
 const SPENT_MAX: u16 = 80;
 const CREDIT: u16 = 20;
 
-/// What our planner remembers and works in.
+/// Foxhound's planner's memory and workspace.
 #[derive(Clone, Debug)]
 pub(super) struct Memory {
     posterior: Posterior,
     window: Window,
-    /// The path round, as seen from far.
+    /// The path found in the wide window.
     path: Vec<Horizontal, ROUTE_MAX>,
     progress: Progress,
 }
 
-/// Whether it comes nearer. All bits are zero at first, so that it takes no room in flash.
+/// Whether the vehicle comes nearer to the source. All bits are zero at first, so that it takes no flash.
 #[derive(Clone, Copy, Debug)]
 struct Progress {
     has_begun: bool,
-    /// Where it was nearest to the source so far, and the replans since.
+    /// Where the vehicle was nearest to the source so far, and the replans since.
     closest_ned_m: Horizontal,
     since: u16,
-    /// Replans, less what every step of progress gives back: what is left of the trouble that it takes.
+    /// Replans so far, less those that every step of progress gives back.
     spent: u16,
-    /// So many replans without coming nearer begin a detour.
+    /// Number of replans without progress after which a detour begins.
     patience: u16,
-    /// On a detour: replans until the next that looks far.
+    /// On a detour: replans until the next one with the wide window.
     until_far: Option<u16>,
     /// Replans that bent the path to learn the range.
     bends: u8,
@@ -113,7 +119,7 @@ impl Progress {
         Self { has_begun: true, closest_ned_m, since: 0, spent, patience: PATIENCE, until_far: None, bends: 0 }
     }
 
-    /// One replan later.
+    /// Updates the counters for one replan.
     fn step(&mut self, start: Horizontal, source: Horizontal) {
         if !self.has_begun {
             *self = Self::new(start, 0);
@@ -129,7 +135,7 @@ impl Progress {
         }
     }
 
-    /// The path seen from far turns out to be none.
+    /// The path from the wide window turns out to be blocked.
     fn abandon(&mut self) {
         self.until_far = None;
         self.patience = self.since.saturating_add(PATIENCE);
@@ -147,7 +153,7 @@ impl Memory {
     }
 }
 
-/// Where to go.
+/// The place to fly to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Aim {
     place_ned_m: Horizontal,
@@ -155,7 +161,7 @@ struct Aim {
     hopeful: bool,
 }
 
-/// Answers one request; `known` is where the source is, or what stands for it, when that is known.
+/// Answers one request; `known` is the position of the source, or of a target in its place, if that is known.
 pub(super) fn plan(
     config: &Config,
     wavefront: &Wavefront,
@@ -177,7 +183,7 @@ pub(super) fn plan(
     let keep_off = |obstacles: &mut Vec<Obstacle, CIRCLES_MAX>, as_measured: bool| {
         obstacles.clear();
         for disc in discs {
-            // What moves is gone by then, and to make way for it for longer is to meet it more often.
+            // Moving obstacles have moved on by then, and avoiding them for longer means to meet them more often.
             let gust_margin_m = if disc.moves { 0.0 } else { request.gust_margin_m };
             let disc = if as_measured { disc.measured() } else { *disc };
             let _ = obstacles.push(Obstacle::of(&disc, config.vehicle_radius_m + gust_margin_m));
@@ -189,7 +195,7 @@ pub(super) fn plan(
         let limit = config.horizon_m + 2.0 + obstacle.reach_m;
         obstacle.center_ned_m.minus(start).norm_squared() < limit * limit
     };
-    // With nothing near there is no path round to be found, and only a bend tells how far the source is.
+    // With no obstacle near no detour is needed, and only a bend shows how far the source is.
     if let Some(learn) = &request.learn
         && config.bends
         && known.is_none()
@@ -212,7 +218,7 @@ pub(super) fn plan(
     }
     wavefront.march(window, start, toward, if far { FAR_SCALE } else { 1.0 }, &workspace.obstacles);
     let aim = aim(window, posterior, &workspace.obstacles, (progress, &*path), toward);
-    // From here on those that matter within the horizon, with their sigma.
+    // From here on only the obstacles that matter within the horizon, with their sigma.
     keep_off(&mut workspace.obstacles, false);
     workspace.obstacles.retain(near);
 
@@ -227,7 +233,7 @@ pub(super) fn plan(
     if far {
         path.clone_from(&route);
     }
-    // What is beyond the horizon does not matter yet.
+    // Places beyond the horizon do not matter yet.
     let beyond = |place: &Horizontal| place.minus(start).norm_squared() > config.horizon_m * config.horizon_m;
     route.truncate(route.iter().position(beyond).unwrap_or(route.len()));
     for place in &mut route {
@@ -256,8 +262,8 @@ pub(super) fn plan(
     plan
 }
 
-/// Where the source is believed to be: along the averaged bearing, as far as the posterior says. Near the source, and when
-/// the bearing does not agree, what the posterior says.
+/// The estimated position of the source: along the averaged bearing, at the posterior's range. Near the source, and
+/// when the bearing does not agree, the posterior's mean.
 fn locate(posterior: &mut Posterior, request: &PlanRequest, known: Option<Horizontal>) -> Option<Estimate> {
     if let Some(place_ned_m) = known {
         return Some(Estimate { place_ned_m, sigma_m: 0.0 });
@@ -275,7 +281,7 @@ fn locate(posterior: &mut Posterior, request: &PlanRequest, known: Option<Horizo
     Some(source)
 }
 
-/// Where to go in the window.
+/// The place to fly to in the window.
 fn aim(
     window: &mut Window,
     posterior: &Posterior,
@@ -299,7 +305,7 @@ fn aim(
     {
         return hopeful(place);
     }
-    // Not there, then: where else it may be and there is a path to.
+    // The estimate cannot be reached: try the other places where the source may be and to which there is a path.
     let (mut sum, mut share) = (Horizontal::default(), 0.0);
     for (particle, weight) in posterior.particles() {
         if is_within_reach(window, particle) {
@@ -312,7 +318,7 @@ fn aim(
         if let Some(place) = approach(window, mean) {
             return hopeful(place);
         }
-        // The mean of what can be reached need not be within reach itself.
+        // The mean of the reachable particles is not always reachable itself.
         let mut nearest = (f32::INFINITY, mean);
         for (particle, weight) in posterior.particles() {
             let distance = particle.minus(mean).norm_squared();
@@ -327,8 +333,8 @@ fn aim(
     Some(Aim { place_ned_m: window.nearest_reached(source)?, hopeful: false })
 }
 
-/// The place that there is a path to from which a source at `place` counts as reached; for one outside of the window, the
-/// best place to leave it. `None` if there is none.
+/// The reachable place from which a source at `place` counts as reached; if `place` is outside the window, the best
+/// place to leave the window at. `None` if there is none.
 fn approach(window: &Window, place: Horizontal) -> Option<Horizontal> {
     if window.arrival_m(place).is_some() {
         Some(place)
@@ -339,8 +345,8 @@ fn approach(window: &Window, place: Horizontal) -> Option<Horizontal> {
     }
 }
 
-/// The place to leave the window at, towards a source that cannot be reached inside of it; on a detour the farthest place
-/// of the path that was seen from far.
+/// The place to leave the window at, towards a source that cannot be reached inside it; on a detour the farthest
+/// reachable place of the path from the wide window.
 fn leave(
     window: &Window,
     obstacles: &[Obstacle],
@@ -354,14 +360,14 @@ fn leave(
             return Some(place);
         }
         if path.last().is_some_and(|last| last.minus(place).norm() < PATH_MIN_M) {
-            // At its end: look again.
+            // At its end: use the wide window again.
             progress.until_far = Some(1);
             return Some(place);
         }
         progress.abandon();
     }
     let exit = window.best_exit(source)?;
-    // The rest of the path is not as short as it is taken to be where something known is in it.
+    // Outside the window the rest of the path is assumed to be straight; a known obstacle on it makes it longer.
     let sees = |place| keeps(0.0, place, &[source], obstacles);
     if sees(exit) {
         return Some(exit);
@@ -369,10 +375,10 @@ fn leave(
     window.nearest_exit(source).filter(|nearest| sees(*nearest)).or(Some(exit))
 }
 
-/// The farthest place of a path to which the window has the same path, and the length of that.
+/// The farthest place up to which a path agrees with the window's distances, and the length of the path to it.
 fn along(window: &Window, path: &[Horizontal]) -> Option<(Horizontal, f32)> {
     let reached = |place: &Horizontal| window.arrival_m(*place).map(|arrival_m| (*place, arrival_m));
-    // From the place that is reached first.
+    // From the place with the shortest path to it.
     let (mut from, mut nearest) = (path, reached(path.first()?));
     let mut rest = path;
     while let [place, others @ ..] = rest {
@@ -394,14 +400,14 @@ fn along(window: &Window, path: &[Horizontal]) -> Option<(Horizontal, f32)> {
         match reached(place) {
             Some((place, arrival_m)) if arrival_m < reach_m => (farthest, reach_m) = ((place, arrival_m), arrival_m),
             Some(_) => break,
-            // Coarse as it is, the path may cut a corner.
+            // The path is coarse and may cut a corner.
             None => {}
         }
     }
     Some(farthest)
 }
 
-/// Whether [`approach`] would find a place; coarse, for many places.
+/// Whether [`approach`] would find a place; approximate, for checking many places.
 fn is_within_reach(window: &Window, place: Horizontal) -> bool {
     let around = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)];
     around.iter().any(|(north, east)| {
@@ -410,8 +416,8 @@ fn is_within_reach(window: &Window, place: Horizontal) -> bool {
     })
 }
 
-/// The farthest place of the path that is within the horizon and in sight, and the margin that the sight keeps: it gives way
-/// before the sight does.
+/// The farthest place on the path that is within the horizon and in sight, and the margin kept by the line of sight. If
+/// no place is in sight with the full margin, the tight one is tried.
 fn target(
     config: &Config,
     start: Horizontal,
@@ -436,8 +442,8 @@ fn target(
     (route.get(1).copied().unwrap_or(aim), config.tight_margin_m)
 }
 
-/// A place of the path, pushed out of the margins of the obstacles around it: the raster is coarser than a narrow gap, whose
-/// middle is where this ends.
+/// Pushes a place on the path out of the margins of the obstacles around it. In a gap narrower than the grid resolves,
+/// it ends in the middle of the gap.
 fn centred(place: Horizontal, margin_m: f32, obstacles: &[Obstacle]) -> Horizontal {
     let mut centred = place;
     for _ in 0..CENTRING_STEPS {
@@ -459,7 +465,7 @@ fn centred(place: Horizontal, margin_m: f32, obstacles: &[Obstacle]) -> Horizont
     centred
 }
 
-/// The paper's samples, marked as feasible where they keep the margin.
+/// Rolls out the paper's samples, and marks those as feasible that keep the margin.
 fn sample(
     config: &Config,
     workspace: &mut Workspace,
@@ -473,7 +479,7 @@ fn sample(
     let field = |gains| Field { gains };
     (workspace.initial, _) = workspace.scene.roll(&field(config.gains), target);
     for index in 0..SAMPLES {
-        // One of the ten trusts the sight: almost no repulsion, so almost straight.
+        // One of the ten follows the line of sight: almost no repulsion, so almost straight.
         let gains = if index == 0 {
             Gains {
                 k_rep: config.gains_min.k_rep,
@@ -494,13 +500,13 @@ fn sample(
     }
 }
 
-/// Eq. 41 with a bound on eq. 45: a path that keeps its margin may be narrow.
+/// Eq. 41 with a bound on eq. 45: a narrow path that keeps its margin is not penalised further.
 fn soft(cost: Cost) -> f32 {
     let proximity = if cost.proximity < PROXIMITY_MAX { cost.proximity } else { PROXIMITY_MAX };
     Cost { proximity, ..cost }.total()
 }
 
-/// Waypoints at the usual distance along straight lines; at the end it stays there.
+/// Waypoints at the usual spacing along straight lines; the rest stay at the end.
 fn straight(start: Horizontal, corners: &[Horizontal]) -> Trajectory {
     let mut trajectory = [start; WAYPOINTS];
     let mut corners = corners.iter();
@@ -524,8 +530,7 @@ fn straight(start: Horizontal, corners: &[Horizontal]) -> Trajectory {
     trajectory
 }
 
-/// Whether a path keeps a margin. From a start that is already too close, whatever does not come closer keeps
-/// it.
+/// Whether a path keeps a margin. If the start is already too close, a path that does not come closer keeps it.
 fn keeps(margin_m: f32, start: Horizontal, trajectory: &[Horizontal], obstacles: &[Obstacle]) -> bool {
     obstacles.iter().all(|obstacle| {
         let at_start = obstacle.clearance_m(start) - 1e-3;
@@ -554,7 +559,7 @@ mod tests {
             wavefront.march(&mut window, Horizontal::default(), path[8], 1.0, &obstacles);
             along(&window, &path).map(|(place, _)| place)
         };
-        // Ten centimetres and more within the reach of a pillar beside the path.
+        // A pillar beside the path, whose reach covers the path by ten centimetres and more.
         assert_eq!(farthest(&[(0.75, 0.25)]), Some(path[8]));
         let wall: Vec<(f32, f32), 64> = (-20..=20).map(|k| (1.3, 0.3 * k as f32)).collect();
         assert_eq!(farthest(&wall), Some(path[1]));

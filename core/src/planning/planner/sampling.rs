@@ -1,4 +1,5 @@
-//! The parts of the main paper's Algorithm 2 that fly: gains are drawn, trajectories weighed by their costs, and one is chosen.
+//! The parts of the main paper's Algorithm 2 that fly: gains are drawn, trajectories weighted by their costs, and one
+//! is chosen.
 
 use super::{Config, Workspace};
 use crate::base::ned::Horizontal;
@@ -6,7 +7,8 @@ use crate::base::rng::Rng;
 use crate::planning::field::Gains;
 use crate::planning::rollout::{Trajectory, WAYPOINTS};
 
-/// Draws of one parameter before its limit is taken instead; the paper draws "until".
+/// Largest number of draws of one parameter before its limit is used instead; the paper draws without a bound
+/// ("until").
 const DRAWS_MAX: usize = 8;
 
 /// One set of gains (eq. 38-40), each drawn until it is above its limit.
@@ -30,19 +32,19 @@ pub fn draw(c: &Config, rng: &mut Rng) -> Gains {
     }
 }
 
-/// Eq. 46 and 47: the initial trajectory plus the weighted mean of the offsets of those that may be chosen; `None` if
-/// there are none.
+/// Eq. 46 and 47: the initial trajectory plus the weighted mean of the offsets of the feasible samples; `None` if there
+/// are none.
 pub(super) fn weighted(workspace: &Workspace, lambda: f32) -> Option<Trajectory> {
     average(workspace, lambda, |offset| offset)
 }
 
-/// The same with another reading of the offset of a point, which it gets.
+/// The same with another interpretation of a point's offset: `read` converts it.
 #[must_use]
 #[inline(always)]
 pub fn average(workspace: &Workspace, lambda: f32, read: impl Fn(Horizontal) -> Horizontal) -> Option<Trajectory> {
     let samples = || workspace.samples.iter().zip(&workspace.costs).zip(&workspace.feasible);
     let chosen = || samples().filter(|(_, feasible)| **feasible).map(|(sample, _)| sample);
-    // Weights relative to the best, so that they cannot all vanish.
+    // Weights relative to the best, so that they cannot all underflow.
     let best = chosen().map(|(_, cost)| *cost).fold(f32::INFINITY, |a, b| if b < a { b } else { a });
     if !best.is_finite() {
         return None;

@@ -74,10 +74,10 @@ fn gusts_make_the_way_wider_and_a_narrow_gap_none() {
         let (plan, _) = plan(&PlanRequest { gust_margin_m, ..request() }, &known);
         swept_clearance_m(plan.start_ned_m, &plan.waypoints_ned_m, &obstacles(&known))
     };
-    // Between them, there is 0.15 m on either side; with gusts it goes round, or does not come near.
+    // Between them there is 0.15 m on either side; with gusts the path leads around them, or stays away.
     assert!(least_m(0.0, 0.6) < 0.16);
     assert!(least_m(0.3, 0.6) >= 0.3);
-    // Where there is room for both.
+    // Where there is space for both.
     assert!((0.3..0.46).contains(&least_m(0.3, 1.2)), "{}", least_m(0.3, 1.2));
 }
 
@@ -103,12 +103,12 @@ fn a_gap_that_may_be_closed_is_flown_to_and_left_when_that_brings_it_no_nearer()
 fn an_obstacle_exactly_on_the_line_is_passed_on_one_side() {
     let (plan, _) = plan(&request(), &discs(&[(1.0, 0.0, 0.3)]));
     assert_eq!(plan.verdict, Verdict::Follow);
-    // To the place beside the pillar from which the target is in sight.
+    // To the place beside the pillar from where the target is in sight.
     let end = plan.waypoints_ned_m[14];
     assert!(end.north > 0.6 && end.east.abs() > 0.4 && end.minus(plan.target_ned_m).norm() < 0.2, "{end:?}");
 }
 
-/// A wall 20 m long across the path to a source that is known, and the vehicle in front of its middle.
+/// A wall 20 m long across the path to a known source, and the vehicle in front of its middle.
 fn wide_wall() -> (PlanRequest, Discs) {
     let wall: std::vec::Vec<_> = (0..61).map(|k| (1.5, (k as f32 - 30.0) * 0.33, 0.2)).collect();
     let known_source_ned_m = Some(Horizontal { north: 6.0, east: 0.0 });
@@ -144,7 +144,7 @@ fn who_never_comes_nearer_is_told_that_there_is_no_way_until_it_is_handed_over_a
     };
     assert_eq!(verdict(true), Verdict::Follow);
     let follows = (0..200).take_while(|_| verdict(false) == Verdict::Follow).count();
-    // A path is in sight from far all the time: it is followed for twice as long as one that is searched for.
+    // The wide window has a path all the time: it is followed for twice as long as one that is searched for.
     assert!((100..=160).contains(&follows), "{follows}");
     assert_eq!(verdict(false), Verdict::Brake);
     assert_eq!(verdict(true), Verdict::Follow);

@@ -1,13 +1,14 @@
-//! Trajectories through the field and what they cost.
+//! Trajectories through the field and their cost.
 //!
-//! The main paper descends the gradient for 15 steps (section IV) and leaves the step open. What flies
-//! is one force evaluation and 2 m / 15 of path in its direction ([`Waypoint`]), which is what its budget allows (two metres of
-//! target distance in fifteen waypoints); other readings are in the crate `foxhound-papers`. Cost by
-//! eq. 41-45: length, error at the end, turns, proximity.
+//! The main paper descends the gradient for 15 steps (section IV) and does not define the step. In flight each step is
+//! one force evaluation and 2 m / 15 of path in its direction ([`Waypoint`]): two metres of target distance in fifteen
+//! waypoints. Other interpretations are in the crate `foxhound-papers`. Cost by eq. 41-45: length, error at the end,
+//! turns, proximity.
 //!
-//! [`Scene::roll`] does both at once and is the one to use: it looks only at obstacles that the next few steps can come into
-//! the range of, and takes the proximity from the distances that the force needs anyway. That leaves out nothing: its
-//! trajectory and cost are those of [`roll_plainly`] and [`cost`] over the same obstacles in the same order, bit for bit.
+//! [`Scene::roll`] computes both at once and should be used: it evaluates only obstacles that can act within the next
+//! few steps, and takes the proximity from the distances that the force needs anyway. The result is exact: its
+//! trajectory and cost equal those of [`roll_plainly`] and [`cost`] over the same obstacles in the same order, bit for
+//! bit.
 //!
 //! | ten samples, 15 waypoints, 64 circles at one per square metre | instructions of a Cortex-M4 |
 //! |---|---|
@@ -29,17 +30,17 @@ pub const WAYPOINTS: usize = 15;
 /// Distance between waypoints: the paper's 2 m in 15 steps.
 pub const SPACING_M: f32 = 2.0 / WAYPOINTS as f32;
 
-/// Proximity below which eq. 45 stops growing: closer, or inside, is as bad.
+/// Distance below which eq. 45 stops growing: closer, or inside, costs the same.
 const PROXIMITY_MIN_M: f32 = 0.01;
 
-/// Steps for which a short list of obstacles is good.
+/// Number of steps for which a short list of obstacles is valid.
 const BLOCK: usize = 5;
 
-/// Rings around the start of a scene: up to four metres.
+/// Number of rings around the start of a scene: up to four metres.
 const RINGS: usize = 32;
 const RINGS_PER_M: f32 = 8.0;
 
-/// Added to what can be reached, against rounding: enough up to ten kilometres from the origin.
+/// Added to the reachable distance, to allow for rounding: enough up to ten kilometres from the origin.
 const SLACK_M: f32 = 1e-2;
 
 /// A trajectory: the waypoints after the start.
@@ -47,17 +48,18 @@ pub type Trajectory = [Horizontal; WAYPOINTS];
 
 /// How a trajectory follows a field from waypoint to waypoint.
 pub trait Stride: Copy {
-    /// Steps from one waypoint to the next.
+    /// Number of steps from one waypoint to the next.
     fn steps(self) -> u8;
 
-    /// How far from the target a step ends there; `None` where none does.
+    /// Distance from the target within which a step ends at the target; `None` if no step does.
     fn ends_within_m(self) -> Option<f32>;
 
-    /// What the force is multiplied by to make a step, from the square of its length and the inverse of that length.
+    /// The factor that turns the force into a step, from the square of the force's length and the inverse of that
+    /// length.
     fn factor(self, squared: f32, inverse: f32) -> f32;
 }
 
-/// One force evaluation from waypoint to waypoint, and 2 m / 15 in its direction.
+/// One force evaluation per waypoint, and a step of 2 m / 15 in its direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Waypoint;
 
@@ -89,7 +91,7 @@ pub struct Cost {
     pub error: f32,
     /// Sum of the turns, radians (eq. 44).
     pub turns: f32,
-    /// One over the smallest distance to an obstacle, 1/m (eq. 45); 0 where there is none.
+    /// One over the smallest distance to an obstacle, 1/m (eq. 45); 0 without obstacles.
     pub proximity: f32,
 }
 
@@ -105,13 +107,13 @@ impl Cost {
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
     start: Horizontal,
-    /// Ring by ring, in a ring as they were given; [`Scene::obstacles`] says what the order is good for.
+    /// Ring by ring, within a ring in the given order; forces are added up in this order ([`Scene::obstacles`]).
     obstacles: Vec<Obstacle, CIRCLES_MAX>,
-    /// How many of them have a clearance from the start within the first ring, the first two and so on.
+    /// Number of obstacles with a clearance from the start within the first ring, within the first two and so on.
     within: [u8; RINGS],
 }
 
-/// Obstacles that the next few steps can come into the range of.
+/// Obstacles that can act within the next few steps.
 type ShortList = Vec<Pole, CIRCLES_MAX>;
 
 impl Scene {
@@ -121,7 +123,7 @@ impl Scene {
         Self { start: Horizontal { north: 0.0, east: 0.0 }, obstacles: Vec::new(), within: [0; RINGS] }
     }
 
-    /// Takes over the obstacles around a start; what is beyond [`CIRCLES_MAX`] is left out.
+    /// Stores the obstacles around a start; those beyond the first [`CIRCLES_MAX`] are left out.
     pub fn gather<I>(&mut self, start: Horizontal, obstacles: I)
     where
         I: IntoIterator<Item = Obstacle>,
@@ -143,7 +145,7 @@ impl Scene {
             (first, *place) = (first + *place, first);
         }
         self.start = start;
-        // There are as many places.
+        // Cannot fail: the capacity is [`CIRCLES_MAX`].
         let _ = self.obstacles.resize_default(count);
         for (obstacle, ring) in obstacles.zip(rings) {
             let Some(place) = places.get_mut(usize::from(ring)) else { continue };
@@ -156,7 +158,8 @@ impl Scene {
         self.within.copy_from_slice(&places[..RINGS]);
     }
 
-    /// [`Self::gather`] from memory, compiled with this crate and not with the caller, perhaps for size.
+    /// [`Self::gather`] from a slice, compiled with this crate and not with the caller, which may be optimised for
+    /// size.
     #[inline(never)]
     pub fn gather_all(&mut self, start: Horizontal, obstacles: &[Obstacle]) {
         self.gather(start, obstacles.iter().copied());
@@ -167,7 +170,7 @@ impl Scene {
         self.obstacles.iter().copied()
     }
 
-    /// At least all obstacles whose clearance from the start is not greater.
+    /// All obstacles whose clearance from the start is not greater, and possibly some more.
     fn within(&self, clearance_m: f32) -> &[Obstacle] {
         let count = self.within.get(ring(clearance_m)).map_or(CIRCLES_MAX, |count| usize::from(*count));
         self.obstacles.get(..count).unwrap_or(&self.obstacles)
@@ -179,7 +182,7 @@ impl Scene {
         self.roll_by(field, Waypoint, target)
     }
 
-    /// The same in another field, or in other steps.
+    /// The same in another field, or with other steps.
     #[must_use]
     #[inline(always)]
     pub fn roll_by(&self, field: &impl ForceField, stride: impl Stride, target: Horizontal) -> (Trajectory, Cost) {
@@ -188,12 +191,12 @@ impl Scene {
         (trajectory, cost)
     }
 
-    /// What a trajectory costs whose waypoints come as close to the obstacles that act there, and to others not within their
-    /// influence.
+    /// The cost of a trajectory. `closest` is the smallest distance of its waypoints to the obstacles that act there;
+    /// the others are farther away than the influence range.
     fn price(&self, trajectory: &Trajectory, closest: f32, influence_m: f32, target: Horizontal) -> Cost {
         let mut closest = closest;
         let mut cost = shape(self.start, trajectory, target);
-        // Whatever acts nowhere on the way is farther than the range, and counts only if all are.
+        // An obstacle that never acts is farther away than the range, and matters only if no obstacle acts.
         if closest >= influence_m - SLACK_M {
             closest = f32::INFINITY;
             for (index, known) in self.obstacles.iter().enumerate() {
@@ -231,9 +234,8 @@ impl Scene {
         }
     }
 
-    /// Whether a trajectory from the start stays farther than the margin from every obstacle, on its segments as on its
-    /// waypoints. From a start that is closer than that, whatever does not come closer (by more than a millimetre) keeps
-    /// it.
+    /// Whether a trajectory from the start keeps the margin from every obstacle, on its segments and at its waypoints.
+    /// If the start is closer than that, a trajectory that does not come closer (by more than a millimetre) keeps it.
     #[must_use]
     pub fn keeps_margin(&self, trajectory: &[Horizontal], margin_m: f32) -> bool {
         let farthest = trajectory.iter().map(|w| w.minus(self.start).norm_squared()).fold(0.0, larger);
@@ -253,9 +255,9 @@ impl Scene {
     }
 }
 
-/// The ring of a clearance, the first around whatever touches the start.
+/// The ring of a clearance; the first for obstacles that touch the start.
 fn ring(clearance_m: f32) -> usize {
-    // Nothing below zero, and the largest number for what is too large.
+    // The cast saturates: zero for negative values, the largest number for values that are too large.
     (clearance_m * RINGS_PER_M) as usize
 }
 
@@ -277,16 +279,16 @@ fn squared_to_segment(a: Horizontal, b: Horizontal) -> f32 {
     }
 }
 
-/// How far so many steps can lead.
+/// The largest distance covered by a number of steps.
 fn far_m(steps: usize) -> f32 {
     SPACING_M * steps as f32 + SLACK_M
 }
 
-/// Those of the obstacles that a block of steps from here can come into the range of.
+/// Lists the obstacles that can act within a block of steps from here.
 fn shorten(known: &[Obstacle], position: Horizontal, field: &impl ForceField, list: &mut ShortList) {
     let ahead = field.gains().influence_m + far_m(BLOCK);
     list.clear();
-    // Four at a time: a compiler that is to mind the size does not do so by itself.
+    // Four at a time: the compiler does not unroll this by itself when it optimises for size.
     let (fours, rest) = known.as_chunks::<4>();
     for [a, b, c, d] in fours {
         list_if_near(a, position, ahead, field, list);
@@ -303,19 +305,19 @@ fn shorten(known: &[Obstacle], position: Horizontal, field: &impl ForceField, li
 fn list_if_near(known: &Obstacle, position: Horizontal, ahead: f32, field: &impl ForceField, list: &mut ShortList) {
     let limit = known.reach_m + ahead;
     if position.minus(known.center_ned_m).norm_squared() < limit * limit {
-        // As many places as obstacles.
+        // Cannot fail: there are as many places as obstacles.
         let _ = list.push(field.pole(known.center_ned_m, known.reach_m));
     }
 }
 
-/// A trajectory on its way.
+/// A trajectory in progress.
 struct Descent<S> {
     stride: S,
     target: Horizontal,
     position: Horizontal,
-    /// Waypoints that have been reached.
+    /// Number of waypoints that have been reached.
     passed: usize,
-    /// Steps since then.
+    /// Number of steps since the last waypoint.
     steps: u8,
 }
 
@@ -331,8 +333,9 @@ impl<S: Stride> Descent<S> {
         self.steps == 0 && self.passed > 0
     }
 
-    /// Follows the force at the position; once at the target it stays there, and what is left of the trajectory is not
-    /// written. Returns whether there is more to come. (The trajectory in here would keep the rest out of registers.)
+    /// Follows the force at the position; once at the target it stays there, and the rest of the trajectory is not
+    /// written. Returns whether to go on. (With the trajectory as a field of this struct, the other fields would not be
+    /// kept in registers.)
     #[inline(always)]
     fn follow(&mut self, force: Horizontal, trajectory: &mut Trajectory) -> bool {
         if self.passed >= WAYPOINTS {
@@ -348,7 +351,7 @@ impl<S: Stride> Descent<S> {
             (self.position, self.steps) = (self.target, steps);
         } else {
             let squared = force.norm_squared();
-            // Where the forces cancel it stays.
+            // Where the forces cancel, the position stays the same.
             if squared > 1e-12 {
                 let inverse = inverse_root(squared);
                 self.position = self.position.plus(force.times(self.stride.factor(squared, inverse)));
@@ -364,7 +367,7 @@ impl<S: Stride> Descent<S> {
     }
 }
 
-/// [`Scene::roll`]'s trajectory, looking at every obstacle at every step.
+/// [`Scene::roll`]'s trajectory, computed from every obstacle at every step.
 #[must_use]
 pub fn roll_plainly(
     field: &impl ForceField,
@@ -414,7 +417,8 @@ fn shape(start: Horizontal, trajectory: &Trajectory, target: Horizontal) -> Cost
     cost
 }
 
-/// One over the length of a step. Nearly all are as long as the spacing, and there the tangent is within 4e-7.
+/// One over the length of a step. Nearly all steps are as long as the spacing, where the tangent's error is within
+/// 4e-7.
 #[inline(always)]
 fn inverse_length(squared: f32) -> f32 {
     const SPACING_SQUARED: f32 = SPACING_M * SPACING_M;
@@ -440,11 +444,11 @@ fn arctangent(x: f32) -> f32 {
     x * (0.999_977_26 + s * (-0.332_623_47 + s * (0.193_543_46 + s * high)))
 }
 
-/// Smallest distance between a waypoint and an obstacle's reach, where that is below the closest so far.
+/// The smaller of the closest distance so far and the smallest distance between a waypoint and an obstacle's reach.
 fn nearest(trajectory: &Trajectory, center: Horizontal, reach: f32, closest: f32) -> f32 {
     let mut closest = closest;
     for waypoint in trajectory {
-        // The root only where it can matter.
+        // The square root is computed only where it can matter.
         let limit = reach + closest + SLACK_M;
         let squared = waypoint.minus(center).norm_squared();
         if limit > 0.0 && squared < limit * limit {

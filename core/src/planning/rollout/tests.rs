@@ -1,4 +1,4 @@
-//! Tests of the trajectories and of what they cost.
+//! Tests of the trajectories and of their cost.
 
 use super::*;
 use crate::base::rng::Rng;
@@ -40,7 +40,7 @@ fn a_segment_that_jumps_over_a_pillar_is_seen() {
     assert!((swept_clearance_m(start, &trajectory, &[pillar]) + 0.15).abs() < 1e-5);
 }
 
-/// Sixty-four circles, so many to a square metre, and gains like the planner's.
+/// Sixty-four circles of a given density per square metre, and gains like the planner's.
 fn forest(seed: u64, density: f32) -> (StdVec<Obstacle>, Gains, Horizontal) {
     let mut rng = Rng::new(seed, 5);
     let side_m = 8.0 / libm::sqrtf(density);
@@ -105,7 +105,7 @@ fn the_default_reading_is_what_libm_in_f64_makes_of_the_equations() {
             .zip(&exact)
             .map(|(a, b)| (f64::from(a.north) - b.0).hypot(f64::from(a.east) - b.1))
             .fold(0.0, f64::max);
-        // Where a trajectory hops from side to side, rounding grows from hop to hop.
+        // Where a trajectory jumps from side to side, rounding errors grow with every jump.
         apart += i32::from(gap > 1e-3 || (f64::from(price.total()) / total - 1.0).abs() > 1e-3);
     }
     assert!(apart <= 10, "{apart} of 1000 differ");
@@ -169,7 +169,7 @@ fn the_margin_check_agrees_with_the_swept_clearance_of_each_obstacle() {
         scene.gather(start, obstacles.iter().copied());
         let trajectory = roll(&gains, start, target, &obstacles);
         let checked = &trajectory[..6];
-        // How much each obstacle leaves of what it must.
+        // The clearance of each obstacle less the required one.
         let spare = |o: &Obstacle| {
             let at_start = o.clearance_m(start) - 1e-3;
             swept_clearance_m(start, checked, core::slice::from_ref(o)) - if at_start < 0.05 { at_start } else { 0.05 }

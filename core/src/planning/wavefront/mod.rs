@@ -1,12 +1,12 @@
-//! The path around: distances from the vehicle to everywhere in a window of the remembered map, by fast marching.
+//! Path search: distances from the vehicle to every place in a window of the remembered map, by fast marching.
 //!
-//! A window of 90 x 90 cells moves with the vehicle. What lies within an obstacle's reach is closed; a rim around it is
-//! passable but slow, so that a wide path is preferred and a narrow one still taken; what has not been seen counts as
-//! free. A wave starts at the vehicle and is carried from cell to cell by the upwind solution of the eikonal equation
-//! `|grad T| = slowness` (Sethian 1996): the arrival at a cell is the length of the shortest path there, in any direction
-//! and not only along the grid. The cells wait in buckets half as wide as a step instead of in a sorted queue (Yatziv,
-//! Bartesaghi and Sapiro 2006), a cell whose arrival improves queues again, and everything is integer: a table of 65
-//! entries holds the square roots.
+//! A window of 90 x 90 cells moves with the vehicle. Cells within an obstacle's reach are closed; a rim around it is
+//! passable but slow, so that a wide path is preferred and a narrow one still possible; places that have not been seen
+//! count as free. A wave starts at the vehicle and is propagated from cell to cell by the upwind solution of the
+//! eikonal equation `|grad T| = slowness` (Sethian 1996): the arrival at a cell is the length of the shortest path
+//! there, in any direction and not only along the grid. The cells wait in buckets half as wide as a step instead of in
+//! a sorted queue (Yatziv, Bartesaghi and Sapiro 2006), a cell whose arrival improves is queued again, and all
+//! arithmetic is integer: a table of 65 entries holds the square roots.
 //!
 //! Memory 24 KB, fixed; counted in the bench row `replan_64`.
 
@@ -17,7 +17,7 @@ use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Obstacle;
 
-/// Cells along a side, with the closed rim that saves every bounds check inside.
+/// Number of cells along a side, including a closed rim that makes bounds checks inside unnecessary.
 pub const SIDE: usize = 92;
 const CELLS: usize = SIDE * SIDE;
 /// Units of arrival in one cell's width.
@@ -28,23 +28,23 @@ const FAR: u16 = u16::MAX - 1;
 const CLOSED: u16 = u16::MAX;
 /// log2 of the width of a bucket, in units.
 const BUCKET_SHIFT: u16 = 4;
-/// Buckets; together they span more than the longest step, a slow one.
+/// Number of buckets; together they span more than the longest step, which is a slow one.
 const BUCKETS: usize = 32;
-/// log2 of the slowness by rim: none, the outer one, the inner one, which lies inside of the outer one.
+/// log2 of the slowness by rim: none, the outer one, the inner one, which lies inside the outer one.
 const SLOW_SHIFT: [u16; 4] = [0, 1, 2, 2];
-/// Entries that may wait at a time. The front is a curve, not an area.
+/// Largest number of entries waiting at a time. The front is a curve, not an area.
 const WAITING_MAX: usize = 1024;
 const NONE: u16 = u16::MAX;
-/// Steps of the path back to the start that are remembered: those nearest to it.
+/// Largest number of steps of the path back to the start that are stored: those nearest to the start.
 pub const ROUTE_MAX: usize = 48;
 const WORDS: usize = CELLS.div_ceil(32);
 /// Half the diagonal of a cell, in cells.
 const DIAGONAL: f32 = core::f32::consts::FRAC_1_SQRT_2;
-/// How far the window is pushed ahead of the vehicle, towards where it wants to go.
+/// Largest shift of the window ahead of the vehicle, towards its aim.
 const AHEAD_M: f32 = 1.2;
 
-/// `UNIT` times `(d + sqrt(2 - d^2)) / 2` for `d = index / UNIT`: how much later than its earlier neighbour a cell is
-/// reached when the other neighbour is `d` later than that one.
+/// `UNIT` times `(d + sqrt(2 - d^2)) / 2` for `d = index / UNIT`: the delay of a cell after its earlier neighbour, when
+/// the other neighbour is reached `d` later than the earlier one.
 const STEP: [u8; UNIT as usize + 1] = steps();
 
 const fn steps() -> [u8; UNIT as usize + 1] {
@@ -63,15 +63,15 @@ const fn steps() -> [u8; UNIT as usize + 1] {
     table
 }
 
-/// What the wavefront needs to know.
+/// Configuration of the wavefront.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
     /// Width of a cell.
     pub cell_m: f32,
-    /// Half of the narrowest gap between two obstacles that is a path.
+    /// Half of the narrowest gap between two obstacles that counts as passable.
     pub passable_m: f32,
-    /// Clearance at which a cell is as fast as any.
+    /// Clearance above which a cell is not slowed.
     pub clear_m: f32,
     /// Clearance below which a cell is four times as slow; from there to `clear_m` it is twice as slow.
     pub narrow_m: f32,
@@ -106,30 +106,30 @@ pub struct Wavefront {
     config: Config,
 }
 
-/// The window, and after a march the distances in it.
+/// The window, and the distances in it after a march.
 #[derive(Clone, Debug)]
 pub struct Window {
-    /// Outer corner of cell (0, 0), the south-western one.
+    /// Outer (south-western) corner of cell (0, 0).
     corner_ned_m: Horizontal,
     cell_m: f32,
     start_ned_m: Horizontal,
     arrival: [u16; CELLS],
-    /// One bit a cell.
+    /// One bit per cell.
     rims: [[u32; WORDS]; 2],
     queue: Queue,
 }
 
-/// The cells from which the wave is to go on, by arrival: a list in each bucket.
+/// The cells from which the wave goes on, sorted by arrival: a list in each bucket.
 #[derive(Clone, Debug)]
 struct Queue {
     first: [u16; BUCKETS],
     waiting: [Waiting; WAITING_MAX],
     free: u16,
-    /// Entries for which there was no room to wait.
+    /// Number of entries for which the queue had no space.
     dropped: u32,
 }
 
-/// What a disc is drawn as.
+/// The kind of cells that a disc is drawn as.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Tier {
     Outer,
@@ -151,7 +151,7 @@ impl Default for Window {
 }
 
 impl Window {
-    /// A window without width, in which nothing has been reached. All bits are zero, so that it takes no room in flash.
+    /// A window without width, in which no cell has been reached. All bits are zero, so that it takes no flash.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -169,7 +169,7 @@ impl Window {
         }
     }
 
-    /// Row and column of a place; `None` outside of the window's inside.
+    /// Index of a place's cell; `None` outside the window or in its rim.
     fn cell_at(&self, place_ned_m: Horizontal) -> Option<usize> {
         if !(self.cell_m > 0.0) {
             return None;
@@ -179,7 +179,7 @@ impl Window {
         (inside(offset.north) && inside(offset.east)).then(|| offset.north as usize * SIDE + offset.east as usize)
     }
 
-    /// When the wave reaches a cell; what is outside of the window is closed.
+    /// When the wave reaches a cell; cells outside the window are closed.
     fn arrival(&self, cell: usize) -> u16 {
         self.arrival.get(cell).copied().unwrap_or(CLOSED)
     }
@@ -197,7 +197,7 @@ impl Window {
         self.corner_ned_m.plus(offset.times(self.cell_m))
     }
 
-    /// Length of the shortest path to a place; `None` if there is none, or the place is outside of the window.
+    /// Length of the shortest path to a place; `None` if there is none, or the place is outside the window.
     #[must_use]
     pub fn arrival_m(&self, place_ned_m: Horizontal) -> Option<f32> {
         let arrival = self.arrival(self.cell_at(place_ned_m)?);
@@ -210,7 +210,8 @@ impl Window {
         self.cell_at(place_ned_m).is_some()
     }
 
-    /// The reached place at the window's edge from which a place outside is nearest, the path to the edge included.
+    /// The reached place at the window's edge over which the path to a place outside is shortest, with a straight line
+    /// from the edge.
     #[must_use]
     pub fn best_exit(&self, outside_ned_m: Horizontal) -> Option<Horizontal> {
         self.least(edge(), |arrival_m, place| arrival_m + outside_ned_m.minus(place).norm())
@@ -222,7 +223,7 @@ impl Window {
         self.least(edge(), |_, place| outside_ned_m.minus(place).norm_squared())
     }
 
-    /// The reached place that is nearest to one which cannot be reached, if it is within a radius.
+    /// The reached place nearest to an unreachable one, if it is within a radius.
     #[must_use]
     pub fn nearest_reached_within(&self, place_ned_m: Horizontal, radius_m: f32) -> Option<Horizontal> {
         let center = self.cell_at(place_ned_m)?;
@@ -235,14 +236,14 @@ impl Window {
         (nearest.minus(place_ned_m).norm() <= radius_m).then_some(nearest)
     }
 
-    /// The reached place that is nearest to one which cannot be reached.
+    /// The reached place nearest to an unreachable one.
     #[must_use]
     pub fn nearest_reached(&self, place_ned_m: Horizontal) -> Option<Horizontal> {
         self.least(0..CELLS, |_, place| place_ned_m.minus(place).norm_squared())
     }
 
-    /// Whether from around a place that has not been reached there may be a path out of the window, so that one from the
-    /// start may come in from outside. The cells around it count as closed from then on.
+    /// Whether a place that has not been reached may be connected to the window's edge, so that a path from the start
+    /// may reach it from outside. The cells connected with it count as closed from then on.
     pub fn is_open(&mut self, place_ned_m: Horizontal) -> bool {
         let Some(center) = self.cell_at(place_ned_m) else { return true };
         // The entries of the march, as a stack.
@@ -254,7 +255,7 @@ impl Window {
             height = top;
             let Some(cell) = self.queue.waiting.get(top).map(|waiting| usize::from(waiting.cell)) else { break };
             let (row, column) = (cell / SIDE, cell % SIDE);
-            // When the stack is full something is left out, and what is so wide counts as open.
+            // When the stack is full, cells are left out; such a large area counts as open.
             open |= row == 1 || row == SIDE - 2 || column == 1 || column == SIDE - 2 || height + 8 > WAITING_MAX;
             for there in [cell - SIDE, cell + SIDE, cell - 1, cell + 1] {
                 height = self.stack(there, height);
@@ -263,7 +264,7 @@ impl Window {
         open
     }
 
-    /// Puts a cell that has not been reached onto the stack, and closes it; the new height.
+    /// Puts a cell that has not been reached onto the stack, and closes it; returns the new height.
     fn stack(&mut self, cell: usize, height: usize) -> usize {
         match (self.queue.waiting.get_mut(height), self.arrival.get_mut(cell)) {
             (Some(waiting), Some(arrival)) if *arrival == FAR => {
@@ -295,8 +296,8 @@ impl Window {
         best.map(|(_, place)| place)
     }
 
-    /// The shortest path to a reached place, down the steepest descent of the arrival: the part nearest to the start, from
-    /// there on. Empty if the place has not been reached.
+    /// The shortest path to a reached place, by steepest descent of the arrival: the part nearest to the start,
+    /// beginning at the start. Empty if the place has not been reached.
     #[must_use]
     pub fn route(&self, to_ned_m: Horizontal) -> Vec<Horizontal, ROUTE_MAX> {
         let mut ring = [0_u16; ROUTE_MAX];
@@ -328,7 +329,8 @@ impl Window {
         route
     }
 
-    /// Entries for which there was no room in the last march; not zero means that some paths may have been missed.
+    /// Number of entries for which the queue had no space in the last march; if not zero, some paths may have been
+    /// missed.
     #[must_use]
     pub fn dropped(&self) -> u32 {
         self.queue.dropped
@@ -349,7 +351,7 @@ impl Window {
         }
     }
 
-    /// The wave reaches a cell, and is to go on from there.
+    /// The wave reaches a cell; queues the cell so that it goes on from there.
     fn reach(&mut self, cell: usize, arrival: u16) {
         if let Some(its_arrival) = self.arrival.get_mut(cell) {
             *its_arrival = arrival;
@@ -379,11 +381,11 @@ impl Queue {
         *first = entry;
     }
 
-    /// A cell that waits in a bucket.
+    /// Takes a cell that waits in a bucket.
     fn pop(&mut self, bucket: usize) -> Option<usize> {
         let first = &mut self.first[bucket % BUCKETS];
         let entry = *first;
-        // There is none with the number `NONE`.
+        // No entry has the number `NONE`.
         let waiting = self.waiting.get_mut(usize::from(entry))?;
         *first = waiting.next;
         waiting.next = self.free;
@@ -397,8 +399,8 @@ const NEIGHBOURS: [(isize, u32); 8] =
     [(-ROW, 7), (ROW, 7), (-1, 7), (1, 7), (-ROW - 1, 5), (-ROW + 1, 5), (ROW - 1, 5), (ROW + 1, 5)];
 
 impl Wavefront {
-    /// Fills a window around `start` with distances. `scale` widens the cells, for a view of the wider surroundings.
-    /// Obstacles that the start is inside of end just short of it.
+    /// Fills a window around `start_ned_m` with distances. `scale` enlarges the cells, to cover a wider area. An
+    /// obstacle that contains the start is shrunk to end just short of it.
     pub fn march(
         &self,
         window: &mut Window,
@@ -410,7 +412,7 @@ impl Wavefront {
         let cell_m = self.config.cell_m * scale;
         let half_m = 0.5 * cell_m * SIDE as f32;
         let ahead = towards_ned_m.minus(start_ned_m).times(0.5).clamped(AHEAD_M * scale);
-        // On the raster, so that a pillar is always cut up in the same way.
+        // Aligned to the grid, so that a pillar always covers the same cells.
         let raster = |value: f32| libm::floorf(value / cell_m) * cell_m;
         let corner = start_ned_m.plus(ahead);
         window.corner_ned_m = Horizontal { north: raster(corner.north - half_m), east: raster(corner.east - half_m) };
@@ -426,12 +428,13 @@ impl Wavefront {
         for obstacle in obstacles {
             draw(window, obstacle.center_ned_m, obstacle.reach_m + self.config.clear_m, Tier::Outer);
             draw(window, obstacle.center_ned_m, obstacle.reach_m + self.config.narrow_m, Tier::Inner);
-            // A cell is closed when not even a gap just passable has its middle in it, however it lies to the raster.
+            // A cell is closed when the middle of a just passable gap cannot lie in it, however the gap is aligned to
+            // the grid.
             let free_m = obstacle.center_ned_m.minus(start_ned_m).norm() - 0.01;
             let reach_m = obstacle.reach_m + self.config.passable_m - DIAGONAL * cell_m;
             draw(window, obstacle.center_ned_m, if reach_m < free_m { reach_m } else { free_m }, Tier::Closed);
         }
-        // Gaps that are not: closed by a line of cells, which the wave cannot cross.
+        // Gaps that are too narrow are closed by a line of cells, which the wave cannot cross.
         for (index, one) in obstacles.iter().enumerate() {
             for other in obstacles.get(index + 1..).unwrap_or_default() {
                 let reach_m = one.reach_m + other.reach_m + 2.0 * self.config.passable_m;
@@ -445,7 +448,7 @@ impl Wavefront {
     }
 }
 
-/// The outermost cells inside of the rim.
+/// The outermost cells inside the rim.
 fn edge() -> impl Iterator<Item = usize> {
     (1..SIDE - 1).flat_map(|k| [SIDE + k, (SIDE - 2) * SIDE + k, k * SIDE + 1, k * SIDE + SIDE - 2])
 }
@@ -457,7 +460,7 @@ fn draw(window: &mut Window, center_ned_m: Horizontal, radius_m: f32, tier: Tier
     }
     let center = center_ned_m.minus(window.corner_ned_m).times(1.0 / window.cell_m);
     let radius = radius_m / window.cell_m;
-    // Saturating casts: what is outside ends at the edge.
+    // Saturating casts: a disc that extends beyond the window ends at its edge.
     let from = libm::ceilf(center.north - radius - 0.5) as usize;
     let to = ((center.north + radius + 0.5) as usize).min(SIDE - 1);
     for row in from.max(1)..to {
@@ -490,15 +493,15 @@ fn bridge(window: &mut Window, from_ned_m: Horizontal, along: Horizontal) {
     }
 }
 
-/// Carries the wave from the start to all that can be reached.
-// By itself: inlined into the planner its loop runs out of registers.
+/// Propagates the wave from the start to all reachable cells.
+// Not inlined: inside the planner its loop would run out of registers.
 #[inline(never)]
 fn spread(window: &mut Window) {
     window.queue.clear();
     let Some(origin) = window.cell_at(window.start_ned_m) else { return };
     for (offset, _) in NEIGHBOURS.into_iter().chain([(0, 0)]) {
         let cell = origin.wrapping_add_signed(offset);
-        // The start counts whatever it is in.
+        // The start is always reached, even in a closed cell.
         if cell == origin || window.arrival(cell) != CLOSED {
             let distance = window.place_of(cell).minus(window.start_ned_m).norm() / window.cell_m;
             window.reach(cell, (distance * f32::from(UNIT)) as u16);
@@ -507,7 +510,7 @@ fn spread(window: &mut Window) {
 
     let mut empty = 0;
     let mut bucket = 0;
-    // Each cell waits a few times at most; the bound is for the reader.
+    // Each cell waits a few times at most; the bound makes the end of the loop obvious.
     let mut left = 4 * CELLS;
     while empty < BUCKETS && left > 0 {
         let Some(cell) = window.queue.pop(bucket) else {
@@ -528,10 +531,11 @@ fn spread(window: &mut Window) {
     }
 }
 
-/// The cells from the one before and below another to the one behind and above it: one bounds check for all of them.
+/// The cells from a cell's neighbour below left to its neighbour above right: one bounds check for all of them.
 type Around = [u16; 2 * SIDE + 3];
 
-/// Carries the wave on from the middle to a cell, with the earlier one of the two across. Cells are told from the corner.
+/// Propagates the wave from the middle to a cell, with the earlier one of the two cells across. Cells are counted from
+/// the corner.
 #[inline(always)]
 fn relax(
     around: &mut Around,

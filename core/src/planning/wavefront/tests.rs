@@ -1,4 +1,4 @@
-//! Tests of the path around.
+//! Tests of the path search.
 
 use super::*;
 use crate::base::rng::Rng;
@@ -24,7 +24,8 @@ fn in_the_open_the_arrival_is_the_distance_in_every_direction() {
     for k in 0..720 {
         let place = start.plus(Horizontal::from_bearing(k as f32 * 0.0087).times(0.5 + 0.005 * k as f32));
         let error = window.arrival_m(place).unwrap() - place.minus(start).norm();
-        // Half a cell's diagonal and some rounding, and the first-order scheme's error, which is largest around the start.
+        // Half a cell's diagonal and some rounding, and the first-order scheme's error, which is largest around the
+        // start.
         worst = worst.max(error.abs() - 0.08 - 0.04 * place.minus(start).norm());
     }
     assert!(worst <= 0.0, "{worst}");

@@ -10,7 +10,7 @@ fn filter() -> Filter {
     Config { outlier_rate: 0.0, ..Config::DEFAULT }.build().unwrap()
 }
 
-/// A prior that sources are drawn from: with one place only the consistency would be that of a lucky range.
+/// The prior that sources are drawn from: with one position only, the consistency would depend on its range.
 fn drawn() -> Config {
     Config { inverse_range_per_m: 0.08, inverse_range_sigma_per_m: 0.01, outlier_rate: 0.0, ..Config::DEFAULT }
 }
@@ -28,7 +28,7 @@ fn sighting(from: Horizontal, bearing_rad: f32) -> Sighting {
     }
 }
 
-/// Hears a source, which moves, from a path at 1 m/s and 10 Hz.
+/// Takes sightings of a moving source from a path at 1 m/s and 10 Hz.
 fn run<const S: usize>(
     filter: &Filter,
     rng: &mut Rng,
