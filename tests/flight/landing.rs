@@ -131,7 +131,7 @@ fn on_the_ground_the_autopilot_is_asked_to_disarm_only_where_the_user_wants_it()
         let mut log = foxhound_sim::autopilot::tlog::Writer::create(&path).unwrap();
         let mut computer = HostComputer::new(&mission.guidance()).unwrap();
         let record = flight::fly(&mission, &mut computer, Some(&mut log), |_| ()).unwrap();
-        drop(log);
+        log.finish().unwrap();
         assert_eq!(record.report.landing.unwrap().stage, Stage::Landed, "{:?}", record.report);
         // A COMMAND_LONG with MAV_CMD_NAV_LAND: MAVLink 2, id 76, its seven parameters zero, the command 21.
         let bytes = std::fs::read(&path).unwrap();

@@ -291,7 +291,9 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     let mut reported = args.report.as_deref();
     if let Some(watched) = &mut watched {
         let note = reported.and_then(|path| named("report", path));
-        reported = reported.filter(|_| written.file(note, watched.end(&record.report)));
+        // Browsers get the end as well where no file is asked for.
+        let is_there = written.file(note, watched.end(&record.report));
+        reported = reported.filter(|_| is_there);
     }
     if let (Some(foxglove), Some(path)) = (foxglove, &args.mcap) {
         written.file(Some(format!("MCAP: {}", path.display())), foxglove.end(&record.report));
