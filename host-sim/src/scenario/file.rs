@@ -226,7 +226,6 @@ impl Scenario {
                 check(&path("turns_s"), obstacle.turns_s, 0.5, 3600.0)?;
             }
         }
-        self.refuse_start_inside()?;
         for (index, person) in self.people.iter().enumerate() {
             person.check(&format!("people[{index}]"), self.start)?;
         }
@@ -244,6 +243,7 @@ impl Scenario {
             let length = libm::hypot(wall.x1 - wall.x0, wall.y1 - wall.y0);
             check(&format!("walls[{index}]: its length"), length, 0.1, 1000.0 * wall.r)?;
         }
+        self.refuse_start_inside()?;
         check("sensor.fov_deg", self.sensor.fov_deg, 6.0, 360.0)?;
         check("sensor.range_m", self.sensor.range_m, 0.1, 100.0)?;
         check("sensor.rays", f64::from(self.sensor.rays), 8.0, 360.0)?;

@@ -332,7 +332,7 @@ mod tests {
 
     const FILE: &str = "# The array of the first prototype.\nwavelength_m = 0.345 # 868 MHz\nside_m = 0.138\n\
         sample_rate_hz = 102400.0\nskew_s = [0.0, 0.0, 1e-7, 0.0] # as measured in May\n\n# Field, 3 June.\n[calibration]\n\
-        gain = [1, 1, 1, 1] # hand-made\nphase_rad = [0, 0, 0, 0]\ntemperature_c = 12\n";
+        gain = [1, 1, 1, 1] # hand-made\nphase_rad = [0, 0, 0, 0]\n";
 
     fn entry(frequency_hz: f32) -> Entry {
         Entry {

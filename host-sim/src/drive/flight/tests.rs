@@ -76,6 +76,7 @@ fn the_printed_object_has_the_promised_keys_and_no_others() {
         "seed",
         "straight_line_m",
         "time_s",
+        "to_beacon_m",
         "trace_hash",
     ];
     assert_eq!(keys, promised);

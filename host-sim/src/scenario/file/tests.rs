@@ -116,7 +116,7 @@ fn unknown_keys_are_named_with_their_path_and_the_nearest_known_one() {
         refused(r#"{"obstacles":[{"x":1,"y":1,"r":1},{"x":1,"y":1,"r":1,"radius":2}]}"#)
             .starts_with("obstacles[1].radius: unknown key")
     );
-    assert!(refused(r#"{"limits":{"zzz":1}}"#).contains("known here: v_max, a_max"));
+    assert!(refused(r#"{"limits":{"zzz":1}}"#).contains("known here: v_max, v_evade, a_max"));
     assert!(refused(r#"{"faults":{"nan_bearings":[1,2]}}"#).contains("`nan_bearing`"));
 }
 
