@@ -116,7 +116,7 @@ station.param_set_send("FH_ARR_SIDE", 0.2)
 check(math.isclose(drain("PARAM_VALUE")[0].param_value, 0.138, rel_tol=1e-6), "what does not fit the others is refused")
 check([m.chunk_seq for m in texts] == [0, 1, 2] and len({m.id for m in texts} - {0}) == 1, "in three pieces of one text")
 text = "".join(m.text for m in texts)
-check(text.endswith("cannot tell opposite directions apart"), text)
+check(text.endswith("opposite directions are ambiguous"), text)
 
 # The storage.
 station.mav.command_long_send(VEHICLE, COMPANION, mavlink.MAV_CMD_PREFLIGHT_STORAGE, 0, 1, 0, 0, 0, 0, 0, 0)
