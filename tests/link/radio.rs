@@ -86,7 +86,7 @@ fn a_beacon_whose_place_is_not_known_is_flown_to_until_it_is_stopped() {
     bench.wait("it flies", |heard| heard.position_ned_m[0] > 3.0);
     interrupt(&child);
     let (code, report) = ended(child);
-    assert!(code == 1 && report["bearing_rms_deg"].is_null(), "{report}");
+    assert!(code == 130 && report["bearing_rms_deg"].is_null(), "{report}");
     end();
 }
 

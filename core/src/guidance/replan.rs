@@ -7,6 +7,7 @@ use crate::base::pose::Pose;
 use crate::base::time::Instant;
 use crate::control::guard::GuardInput;
 use crate::localize::source::bank;
+use crate::mapping::tracks::Track;
 use crate::planning::planner::{Learn, Plan, Search};
 use crate::planning::rollout::WAYPOINTS;
 
@@ -79,6 +80,7 @@ impl<const N: usize> Guidance<N> {
         state.request.seed = self.seed;
         state.request.start_ned_m = start_ned_m;
         state.request.gust_margin_m = self.wind.margin_m(&state.wind);
+        state.request.among_moving = state.tracks.all().iter().any(Track::moves);
         state.request.target_ned_m = situation.position_ned_m.plus(direction.times(distance_m));
         state.request.fresh = state.request.id == 1 || core::mem::take(&mut state.misled);
         state.request.wants_lines = state.reflected >= self.reflected_min;

@@ -189,7 +189,8 @@ pub(super) fn plan(
             let _ = obstacles.push(Obstacle::of(&disc, config.vehicle_radius_m + gust_margin_m));
         }
     };
-    keep_off(&mut workspace.obstacles, progress.since < PATIENCE);
+    // Among people the path keeps clear of the sigma as well: that is also the space to give way in.
+    keep_off(&mut workspace.obstacles, progress.since < PATIENCE && !request.among_moving);
     let far = progress.until_far == Some(0);
     let near = |obstacle: &Obstacle| {
         let limit = config.horizon_m + 2.0 + obstacle.reach_m;
