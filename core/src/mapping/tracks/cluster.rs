@@ -11,18 +11,18 @@ use crate::base::pose::Pose;
 use crate::base::units::{nearest, wrap_pi};
 use crate::mapping::scan::{Scan, Sector};
 
-/// A longer cluster is no object.
+/// A cluster longer than this is not an object.
 const LONG_M: f32 = 1.1;
-/// Nor is one that is longer than this and as straight as that.
+/// Nor is a cluster that is longer than the first and as straight as the second.
 const WALL_M: f32 = 0.45;
 const STRAIGHT_M: f32 = 0.05;
-/// Parts of what is long.
+/// Parts of a long piece.
 const PART_M: f32 = 0.7;
 /// A gap in range deeper than this separates two objects.
 const CUSP_M: f32 = 0.08;
-/// Sectors wider than this tell the range and not the place.
+/// Wider sectors give the range of a hit but not its position.
 const WIDE_RAD: f32 = 0.05;
-/// Steps of Gauss and Newton, and one that is short enough to be the last.
+/// Most Gauss-Newton steps, and the length of a step below which the fit has converged.
 const STEPS: usize = 4;
 const ENOUGH_M: f32 = 0.003;
 
@@ -35,9 +35,9 @@ pub(super) struct Cluster {
     pub(super) sigma_m: f32,
     /// Part of something long or straight: a wall, or people side by side.
     pub(super) is_long: bool,
-    /// Where it is, an earlier scan saw through.
+    /// An earlier scan saw through where it is now.
     pub(super) was_free: bool,
-    /// The track that it is.
+    /// The track that it belongs to.
     pub(super) track: Option<u8>,
 }
 
@@ -112,7 +112,7 @@ impl Default for Cusp {
 }
 
 impl Cusp {
-    /// One more hit; says behind which the hollow lies, once it is passed.
+    /// Takes one more hit; returns the hit behind which the hollow lies, once it is passed.
     fn step(&mut self, index: usize, range_m: f32) -> Option<usize> {
         if range_m > self.farthest_m && range_m > self.least_m + CUSP_M {
             (self.farthest_m, self.at) = (range_m, index);
@@ -140,7 +140,7 @@ fn is_apart(a: Horizontal, b: Horizontal, step_rad: f32) -> bool {
     apart_m > if by_step_m > 0.12 { by_step_m } else { 0.12 }
 }
 
-/// Whether hits are of something long, or straight.
+/// Whether the hits form something long or straight.
 fn is_wall(piece: &[Horizontal], chord_m: f32) -> bool {
     let (Some(first), Some(last)) = (piece.first(), piece.last()) else { return true };
     if chord_m > LONG_M {
@@ -190,7 +190,7 @@ fn center(piece: &[Horizontal], radius_m: f32) -> (Horizontal, f32) {
     (at, nearest_m)
 }
 
-/// How well the centre is known: less where something nearer hides a side of it, or the view ends there.
+/// How well the centre is known: less well if something nearer hides a side of it, or if the view ends there.
 fn sigma_m(scan: &Scan, pose: &Pose, piece: &[Horizontal], range_m: f32) -> f32 {
     let by_width_m = 0.3 * libm::fabsf(scan.step_rad) * range_m;
     let mut sigma_m = if by_width_m > 0.02 { by_width_m } else { 0.02 };

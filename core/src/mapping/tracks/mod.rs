@@ -39,21 +39,21 @@ const KEPT: usize = 3;
 const KEPT_APART_S: f32 = 0.14;
 /// Most sectors of a scan that is kept.
 const KEPT_SECTORS: usize = 120;
-/// What a scan at least so old has seen through was free.
+/// A place that a scan at least this old has seen through was free.
 const BEFORE_S: f32 = 0.25;
-/// The same of wide sectors.
+/// The same for wide sectors.
 const BEFORE_WIDE_S: f32 = 0.28;
-/// A hit so much nearer than what was seen lies where it was free.
+/// A hit nearer by this than the earlier range lies where it was free.
 const THROUGH_M: f32 = 0.12;
-/// This share of a cluster's hits has to.
+/// Share of a cluster's hits that must lie where it was free.
 const THROUGH_SHARE: f32 = 0.3;
-/// It counts for so long.
+/// For how long that counts.
 const THROUGH_S: f32 = 1.5;
-/// Seen through for so long, a track is forgotten.
+/// A track that was seen through for this long is forgotten.
 const CLEAR_S: f32 = 0.25;
 /// A track with fewer scans does not count as moving.
 const SCANS_MIN: u8 = 3;
-/// An object was farther away by no more than this one scan ago.
+/// Largest distance that an object moves from one scan to the next.
 const LEFT_M: f32 = 0.25;
 /// Widest gate.
 const GATE_MAX_M: f32 = 0.75;
@@ -70,9 +70,9 @@ pub struct Config {
     pub sigma_mps2: f32,
     /// Speed that a new track may have, standard deviation.
     pub sigma_mps: f32,
-    /// Slower than this nothing moves.
+    /// Below this speed a track counts as standing.
     pub moving_min_mps: f32,
-    /// Sigmas of its speed that count.
+    /// A track's speed must exceed its sigma by this factor to count as moving.
     pub moving_sigmas: f32,
     /// A track that is out of sight is forgotten after this long.
     pub memory_s: f32,
@@ -115,11 +115,11 @@ pub struct Track {
     pub velocity_ned_mps: Horizontal,
     /// Covariance of place and place, place and velocity, velocity and velocity, the same along north and east.
     pub covariance: [f32; 3],
-    /// For how long it was not seen.
+    /// Time since it was last seen.
     pub unseen_s: f32,
-    /// For how long it was seen through.
+    /// Time for which the sensor has seen through it.
     clear_s: f32,
-    /// How long ago hits of it lay where it had been free.
+    /// Time since its hits last lay where it had been free.
     through_s: f32,
     scans: u8,
     moves: bool,
@@ -212,12 +212,12 @@ impl Kept {
     }
 }
 
-/// All that is followed, and the scans of before.
+/// All tracks, and some earlier scans.
 #[derive(Clone, Debug, Default)]
 pub struct Tracks {
     tracks: Vec<Track, TRACKS_MAX>,
     time: Option<Instant>,
-    /// When the last scan that was taken in was taken.
+    /// Time stamp of the last scan that was used.
     scanned: Option<Instant>,
     kept: [Kept; KEPT],
     newest: usize,
@@ -225,20 +225,20 @@ pub struct Tracks {
 }
 
 impl Tracks {
-    /// Back to nothing, in place.
+    /// Clears it in place.
     pub fn clear(&mut self) {
         let Self { tracks, time, scanned, kept: _, newest, is_kept } = self;
         tracks.clear();
         (*time, *scanned, *newest, *is_kept) = (None, None, 0, false);
     }
 
-    /// All that is followed.
+    /// All tracks.
     #[must_use]
     pub fn all(&self) -> &[Track] {
         &self.tracks
     }
 
-    /// Whether scans are taken in.
+    /// Whether scans are used.
     #[must_use]
     pub const fn has_scanned(&self) -> bool {
         self.scanned.is_some()
@@ -292,7 +292,7 @@ impl Tracker {
         self.config.radius_m
     }
 
-    /// Carries all tracks on to a time.
+    /// Predicts all tracks to a time.
     #[inline(never)]
     pub fn advance(&self, tracks: &mut Tracks, now: Instant) {
         let dt_s = tracks.time.map_or(0.0, |time| now.seconds_since(time));
@@ -398,7 +398,7 @@ impl Tracker {
     }
 }
 
-/// Which cluster is which track, the nearest pair first; the tracks that are one, a bit each.
+/// Assigns clusters to tracks, the nearest pair first; returns the assigned tracks, one bit each.
 #[inline(never)]
 fn associate(tracks: &[Track], clusters: &mut [Cluster]) -> u32 {
     let mut pairs: Vec<(f32, u8, u8), PAIRS_MAX> = Vec::new();
