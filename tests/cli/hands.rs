@@ -4,25 +4,11 @@
 
 use std::path::Path;
 
-use foxhound_tests::{Program, foxhound, run, share_machine};
+use foxhound_tests::{Program, foxhound, npy, run, share_machine};
 use serde_json::Value;
 
 const ARRAY: &str = "wavelength_m = 0.345\nsample_rate_hz = 102400.0\n";
 const SIDE: &str = "side_m = 0.138\n";
-
-/// A NumPy file, written by hand.
-fn npy(dtype: &str, shape: &str, bytes: usize) -> Vec<u8> {
-    let mut header = format!("{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}");
-    while (10 + header.len() + 1) % 64 != 0 {
-        header.push(' ');
-    }
-    header.push('\n');
-    let mut file = b"\x93NUMPY\x01\x00".to_vec();
-    file.extend_from_slice(&(header.len() as u16).to_le_bytes());
-    file.extend_from_slice(header.as_bytes());
-    file.resize(file.len() + bytes, 0);
-    file
-}
 
 /// Runs `foxhound bearing` on `count` frames and returns what it says of the refusal; nothing may be on stdout.
 fn refusal(array: &str, more: &[&str]) -> String {

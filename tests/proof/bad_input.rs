@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use foxhound_tests::run;
+use foxhound_tests::{npy, run};
 use serde_json::Value;
 
 /// Writes `content` into a file and runs the arguments, in which `{}` stands for its path.
@@ -28,20 +28,6 @@ fn refusal(name: &str, content: &[u8], arguments: &[&str]) -> String {
 }
 
 const ARRAY: &str = "wavelength_m = 0.345\nside_m = 0.138\nsample_rate_hz = 102400.0\n";
-
-/// A NumPy file, written by hand.
-fn npy(dtype: &str, shape: &str, bytes: usize) -> Vec<u8> {
-    let mut header = format!("{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}");
-    while (10 + header.len() + 1) % 64 != 0 {
-        header.push(' ');
-    }
-    header.push('\n');
-    let mut file = b"\x93NUMPY\x01\x00".to_vec();
-    file.extend_from_slice(&(header.len() as u16).to_le_bytes());
-    file.extend_from_slice(header.as_bytes());
-    file.resize(file.len() + bytes, 0);
-    file
-}
 
 /// A bad scenario is refused, and the message names the field.
 #[test]

@@ -229,7 +229,7 @@ impl Live {
             Source::Kraken(host, port) => Kind::Thread(kraken::start(host, *port, options.emitter)),
             Source::Heimdall(host, port) => Kind::Thread(heimdall::start(host, *port, needs("heimdall")?)?),
             Source::Hci(device, baud) => {
-                let reports = serial::Reports::new(needs("hci")?)?;
+                let reports = serial::Reports::new(&needs("hci")?)?;
                 Kind::Serial(Box::new(serial::Serial::reports(line(device, *baud)?, reports)))
             }
             Source::Uudf(device, baud) => Kind::Serial(Box::new(serial::Serial::angles(line(device, *baud)?))),

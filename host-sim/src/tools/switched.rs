@@ -99,19 +99,24 @@ fn parse_emitters(bytes: &[u8], packets: usize) -> Result<Vec<i32>, InputError> 
     Ok(emitters)
 }
 
-/// An estimator for each length of packets that comes.
-pub(super) struct Estimators<'a> {
-    array: &'a RadioArray,
+/// The estimators of an array, one for each number of slots that packets have had.
+pub(super) struct Estimators {
+    array: RadioArray,
     samples: usize,
     by_slots: HashMap<usize, Estimator>,
 }
 
-impl<'a> Estimators<'a> {
-    pub(super) fn new(array: &'a RadioArray, samples: usize) -> Self {
-        Self { array, samples, by_slots: HashMap::new() }
+impl Estimators {
+    pub(super) fn new(array: &RadioArray, samples: usize) -> Self {
+        Self { array: array.clone(), samples, by_slots: HashMap::new() }
     }
 
-    /// The one for packets of so many slots.
+    /// The array that they are for.
+    pub(super) const fn array(&self) -> &RadioArray {
+        &self.array
+    }
+
+    /// The estimator for packets of this number of slots.
     pub(super) fn of(&mut self, slots: usize) -> Result<&Estimator, InputError> {
         use std::collections::hash_map::Entry;
         match self.by_slots.entry(slots) {

@@ -76,20 +76,21 @@ impl Reader {
 
 /// What is known of the transmitters of IQ reports.
 pub(super) struct Reports {
-    array: RadioArray,
+    estimators: Estimators,
     emitters: HashMap<i32, Emitter>,
 }
 
 impl Reports {
-    pub(super) fn new(array: RadioArray) -> Result<Self, InputError> {
+    pub(super) fn new(array: &RadioArray) -> Result<Self, InputError> {
         // An extension of 160 us: what cannot be read at all is refused before the flight.
-        Estimators::new(&array, 1).of(hci::SAMPLES_MAX - hci::REFERENCE)?;
-        Ok(Self { array, emitters: HashMap::new() })
+        let mut estimators = Estimators::new(array, 1);
+        estimators.of(hci::SAMPLES_MAX - hci::REFERENCE)?;
+        Ok(Self { estimators, emitters: HashMap::new() })
     }
 
     fn hear(&mut self, report: &hci::IqReport, now: Instant) -> Event {
         let refused = |error: InputError| Event::Refused(error.to_string());
-        let (number, reference, values) = match packet(report, &self.array) {
+        let (number, reference, values) = match packet(report, self.estimators.array()) {
             Ok(parts) => parts,
             Err(error) => return refused(error),
         };
@@ -99,8 +100,7 @@ impl Reports {
         if self.emitters.len() >= EMITTERS_MAX && !self.emitters.contains_key(&number) {
             return Event::Nothing("more transmitters than are told apart".to_owned());
         }
-        let mut estimators = Estimators::new(&self.array, 1);
-        let estimator = match estimators.of(values.len()) {
+        let estimator = match self.estimators.of(values.len()) {
             Ok(estimator) => estimator,
             Err(error) => return refused(error),
         };
