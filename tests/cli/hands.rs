@@ -14,7 +14,7 @@ const SIDE: &str = "side_m = 0.138\n";
 fn refusal(array: &str, more: &[&str]) -> String {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name).to_string_lossy().into_owned();
-    std::fs::write(Path::new(&path("f.npy")), npy("<i2", "(4, 4, 256)", 4 * 4 * 256 * 2)).unwrap();
+    std::fs::write(Path::new(&path("f.npy")), npy("<i2", "(4, 4, 256)", &[0; 4 * 4 * 256 * 2])).unwrap();
     std::fs::write(Path::new(&path("a.toml")), array).unwrap();
     let output = run(&[&["bearing", "--adc", &path("f.npy"), "--array", &path("a.toml")], more].concat());
     let text = String::from_utf8_lossy(&output.stderr).into_owned();

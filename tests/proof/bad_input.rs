@@ -12,7 +12,7 @@ use serde_json::Value;
 fn refusal(name: &str, content: &[u8], arguments: &[&str]) -> String {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("array.toml"), ARRAY).unwrap();
-    let frames = npy("<i2", "(2, 4, 256)", 2 * 4 * 256 * 2);
+    let frames = npy("<i2", "(2, 4, 256)", &[0; 2 * 4 * 256 * 2]);
     std::fs::write(dir.path().join("good.npy"), frames).unwrap();
     std::fs::write(dir.path().join(name), content).unwrap();
     let place = |argument: &&str| {
@@ -61,11 +61,11 @@ fn bad_scenarios_name_the_field() {
 fn bad_frame_files_say_what_is_wrong() {
     let bearing = ["bearing", "--json", "--adc", "{}", "--array", "{array}"];
     for (file, word) in [
-        (npy("<f4", "(2, 4, 256)", 2 * 4 * 256 * 4), "int16"),
-        (npy("<i2", "(2, 3, 256)", 2 * 3 * 256 * 2), "shape"),
-        (npy("<i2", "(2, 4, 250)", 2 * 4 * 250 * 2), "N = 250"),
-        (npy("<i2", "(8, 256)", 8 * 256 * 2), "shape"),
-        (npy("<i2", "(2, 4, 256)", 2 * 4 * 256 * 2 - 100), "truncated"),
+        (npy("<f4", "(2, 4, 256)", &[0; 2 * 4 * 256 * 4]), "int16"),
+        (npy("<i2", "(2, 3, 256)", &[0; 2 * 3 * 256 * 2]), "shape"),
+        (npy("<i2", "(2, 4, 250)", &[0; 2 * 4 * 250 * 2]), "N = 250"),
+        (npy("<i2", "(8, 256)", &[0; 8 * 256 * 2]), "shape"),
+        (npy("<i2", "(2, 4, 256)", &[0; 2 * 4 * 256 * 2 - 100]), "truncated"),
         (b"not numpy at all".to_vec(), "npy"),
         (Vec::new(), "npy"),
     ] {
@@ -413,7 +413,7 @@ fn every_bad_option_is_refused_by_name_value_and_range_in_one_message() {
         ("file", &b"words"[..]),
         ("suite.json", suite_of("", "[1,1,9,9,11]").as_bytes()),
         ("array.toml", ARRAY.as_bytes()),
-        ("frames.npy", &npy("<i2", "(2, 4, 256)", 2 * 4 * 256 * 2)),
+        ("frames.npy", &npy("<i2", "(2, 4, 256)", &[0; 2 * 4 * 256 * 2])),
         ("params.toml", b"FH_SPD_MAX = \"fast\""),
         ("key", b"0123"),
     ] {

@@ -13,17 +13,10 @@ use serde_json::Value;
 
 use crate::waves::{Random, degrees_between, quantile, rms};
 
-/// A file as NumPy writes it.
+/// Writes a NumPy file.
 pub(crate) fn npy(path: &Path, descr: &str, shape: &[usize], bytes: &[u8]) {
     let shape: String = shape.iter().map(|n| format!("{n},")).collect();
-    let mut header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({shape}), }}");
-    header.push_str(&" ".repeat(63 - (10 + header.len()) % 64));
-    header.push('\n');
-    let mut file = b"\x93NUMPY\x01\x00".to_vec();
-    file.extend((header.len() as u16).to_le_bytes());
-    file.extend(header.as_bytes());
-    file.extend(bytes);
-    std::fs::write(path, file).unwrap();
+    std::fs::write(path, foxhound_tests::npy(descr, &format!("({shape})"), bytes)).unwrap();
 }
 
 pub(crate) fn complex64(path: &Path, shape: &[usize], values: &[[f64; 2]]) {

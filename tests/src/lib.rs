@@ -106,9 +106,9 @@ pub fn share_machine() -> RwLockReadGuard<'static, ()> {
     MACHINE.read().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A NumPy file of zeros: a type, a shape, and the number of its bytes.
+/// A NumPy file: its type, its shape as Python writes it, and its values as bytes.
 #[must_use]
-pub fn npy(dtype: &str, shape: &str, bytes: usize) -> Vec<u8> {
+pub fn npy(dtype: &str, shape: &str, values: &[u8]) -> Vec<u8> {
     let mut header = format!("{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}");
     while (10 + header.len() + 1) % 64 != 0 {
         header.push(' ');
@@ -117,7 +117,7 @@ pub fn npy(dtype: &str, shape: &str, bytes: usize) -> Vec<u8> {
     let mut file = b"\x93NUMPY\x01\x00".to_vec();
     file.extend_from_slice(&(header.len() as u16).to_le_bytes());
     file.extend_from_slice(header.as_bytes());
-    file.resize(file.len() + bytes, 0);
+    file.extend_from_slice(values);
     file
 }
 
