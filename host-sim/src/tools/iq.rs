@@ -135,7 +135,7 @@ fn whole<T: npyz::Deserialize + Into<f32>>(bytes: &[u8], dtype: &str, full: f32)
 /// # Errors
 /// A key of the array file that is missing or that the core refuses.
 pub fn find(frames: &Frames, array: &RadioArray, looks: usize) -> Result<Vec<ArrayLine>, InputError> {
-    find_and(frames, array, looks, |_| ())
+    find_watched(frames, array, looks, |_| ())
 }
 
 /// The answers, and the eigenvalues of the covariance of each.
@@ -145,11 +145,11 @@ pub(super) fn find_with_eigenvalues(
     looks: usize,
 ) -> Result<(Vec<ArrayLine>, Vec<Vec<f64>>), InputError> {
     let mut all = Vec::new();
-    let lines = find_and(frames, array, looks, |covariance| all.push(eigen::values(covariance, frames.channels)))?;
+    let lines = find_watched(frames, array, looks, |covariance| all.push(eigen::values(covariance, frames.channels)))?;
     Ok((lines, all))
 }
 
-fn find_and(
+fn find_watched(
     frames: &Frames,
     array: &RadioArray,
     looks: usize,
@@ -160,20 +160,20 @@ fn find_and(
             "switch: the channels of --iq must be sampled at the same instants; use --switched",
         ));
     }
-    let mut finder = Finder::new(array, frames.samples, frames.is_real)?;
+    let mut estimator = Estimator::new(array, frames.samples, frames.is_real)?;
     let mut lines = Vec::with_capacity(frames.count() / looks);
     for (frame, values) in frames.values.chunks_exact(frames.channels * frames.samples).enumerate() {
-        finder.add(values);
+        estimator.add(values);
         if (frame + 1) % looks == 0 {
-            watch(&finder.covariance);
-            lines.push(ArrayLine::new(frame, None, &finder.take(frame as u64)));
+            watch(&estimator.covariance);
+            lines.push(ArrayLine::new(frame, None, &estimator.take(frame as u64)));
         }
     }
     Ok(lines)
 }
 
 /// Frames in, bearings out.
-pub(super) struct Finder {
+pub(super) struct Estimator {
     beam: Beam,
     source: Source,
     band: Band,
@@ -182,7 +182,7 @@ pub(super) struct Finder {
     centre: Centre,
 }
 
-impl Finder {
+impl Estimator {
     /// For frames of so many samples of each channel.
     pub(super) fn new(array: &RadioArray, samples: usize, is_real: bool) -> Result<Self, InputError> {
         Ok(Self {

@@ -160,7 +160,7 @@ impl fmt::Display for State {
 #[derive(Clone, Debug, PartialEq)]
 enum Event {
     /// A bearing, measured then.
-    Heard(Heard),
+    Measured(Measurement),
     /// It works, and hears nothing to be used.
     Nothing(String),
     Refused(String),
@@ -169,7 +169,7 @@ enum Event {
 
 /// A bearing in the frame of the antennas.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Heard {
+struct Measurement {
     at: Instant,
     azimuth_rad: f32,
     /// None where nothing says it.
@@ -178,7 +178,7 @@ struct Heard {
     quality: Quality,
 }
 
-impl Heard {
+impl Measurement {
     /// Of those that tell an angle and nothing else.
     fn plain(at: Instant, azimuth_rad: f32, sigma_rad: Option<f32>) -> Self {
         let quality = Quality { wavenumber: 1.0, ..Quality::default() };
@@ -190,7 +190,7 @@ impl Heard {
             return Event::Nothing("the radio hears nothing with a direction".to_owned());
         }
         let Bearing { azimuth_rad, sigma_rad, flags, quality, .. } = *bearing;
-        Event::Heard(Self { at, azimuth_rad, sigma_rad: Some(sigma_rad), flags, quality })
+        Event::Measured(Self { at, azimuth_rad, sigma_rad: Some(sigma_rad), flags, quality })
     }
 }
 
@@ -278,29 +278,29 @@ impl Live {
         for event in events {
             self.last = here;
             match event {
-                Event::Heard(heard) if here.saturating_duration_since(heard.at) > self.options.age_max => {
+                Event::Measured(measured) if here.saturating_duration_since(measured.at) > self.options.age_max => {
                     self.state = State::Stale;
                 }
-                Event::Heard(heard) => {
+                Event::Measured(measured) => {
                     self.state = State::Hearing;
-                    newest = Some(heard);
+                    newest = Some(measured);
                 }
                 Event::Nothing(why) => self.state = State::NoBearing(why),
                 Event::Refused(why) => self.state = State::Refused(why),
                 Event::Lost(why) => self.state = State::Lost(why),
             }
         }
-        let heard = newest?;
-        let age_us = here.saturating_duration_since(heard.at).as_micros() as u64;
+        let measured = newest?;
+        let age_us = here.saturating_duration_since(measured.at).as_micros() as u64;
         Some(Bearing {
             time: time::Instant(now.0.saturating_sub(age_us)),
             valid: true,
-            azimuth_rad: foxhound_core::base::units::wrap_pi(heard.azimuth_rad + self.options.mount_rad),
-            sigma_rad: heard.sigma_rad.unwrap_or(self.options.sigma_rad),
+            azimuth_rad: foxhound_core::base::units::wrap_pi(measured.azimuth_rad + self.options.mount_rad),
+            sigma_rad: measured.sigma_rad.unwrap_or(self.options.sigma_rad),
             elevation_rad: 0.0,
             elevation_sigma_rad: std::f32::consts::FRAC_PI_2,
-            quality: heard.quality,
-            flags: heard.flags,
+            quality: measured.quality,
+            flags: measured.flags,
         })
     }
 }
@@ -341,7 +341,7 @@ fn json(line: &str, now: Instant) -> Event {
     }
     let at = now.checked_sub(Duration::from_secs_f64(age_s)).unwrap_or(now);
     let radians = |degrees: f64| degrees.to_radians() as f32;
-    Event::Heard(Heard::plain(at, radians(azimuth_deg), line.sigma_deg.map(radians)))
+    Event::Measured(Measurement::plain(at, radians(azimuth_deg), line.sigma_deg.map(radians)))
 }
 
 fn datagrams(socket: &UdpSocket) -> Vec<Event> {

@@ -139,7 +139,7 @@ impl Estimators {
 /// # Errors
 /// A key of the array file that is missing or that the core refuses.
 pub fn find(packets: &Packets, array: &RadioArray, looks: usize) -> Result<(Vec<ArrayLine>, usize), InputError> {
-    find_and(packets, array, looks, |_| ())
+    find_watched(packets, array, looks, |_| ())
 }
 
 /// The answers, and the eigenvalues of the covariance of each.
@@ -150,11 +150,11 @@ pub(super) fn find_with_eigenvalues(
 ) -> Result<(Vec<ArrayLine>, Vec<Vec<f64>>), InputError> {
     let mut all = Vec::new();
     let (lines, _) =
-        find_and(packets, array, looks, |group| all.push(eigen::values(group.covariance(), array.beam.count)))?;
+        find_watched(packets, array, looks, |group| all.push(eigen::values(group.covariance(), array.beam.count)))?;
     Ok((lines, all))
 }
 
-fn find_and(
+fn find_watched(
     packets: &Packets,
     array: &RadioArray,
     looks: usize,

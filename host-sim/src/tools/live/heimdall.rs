@@ -12,10 +12,10 @@ use std::time::{Duration, Instant};
 use foxhound_core::doa::bearing::Flags;
 use num_complex::Complex32;
 
-use super::{Event, Heard};
+use super::{Event, Measurement};
 use crate::scenario::input::InputError;
 use crate::tools::frames::FRAME;
-use crate::tools::iq::Finder;
+use crate::tools::iq::Estimator;
 use crate::tools::radio_array::RadioArray;
 
 const HEADER_BYTES: usize = 1024;
@@ -84,7 +84,7 @@ impl Header {
 
 pub(super) fn start(host: &str, port: u16, array: RadioArray) -> Result<Receiver<Event>, InputError> {
     // What cannot be read at all is refused before the flight.
-    Finder::new(&array, FRAME, false)?;
+    Estimator::new(&array, FRAME, false)?;
     let (sender, receiver) = channel();
     let host = host.to_owned();
     std::thread::spawn(move || {
@@ -110,7 +110,7 @@ fn listen(host: &str, port: u16, array: &RadioArray, sender: &Sender<Event>) -> 
     stream.set_read_timeout(Some(TIMEOUT)).map_err(text)?;
     stream.set_write_timeout(Some(TIMEOUT)).map_err(text)?;
     stream.write_all(b"streaming").map_err(text)?;
-    let mut finder: Option<(usize, Finder)> = None;
+    let mut estimator: Option<(usize, Estimator)> = None;
     loop {
         let mut bytes = [0; HEADER_BYTES];
         stream.read_exact(&mut bytes).map_err(text)?;
@@ -122,11 +122,12 @@ fn listen(host: &str, port: u16, array: &RadioArray, sender: &Sender<Event>) -> 
             Some(event) => event,
             None => {
                 let samples = header.length.min(FRAME);
-                if finder.as_ref().is_none_or(|(length, _)| *length != samples) {
-                    finder = Some((samples, Finder::new(array, samples, false).map_err(|error| error.to_string())?));
+                if estimator.as_ref().is_none_or(|(length, _)| *length != samples) {
+                    estimator =
+                        Some((samples, Estimator::new(array, samples, false).map_err(|error| error.to_string())?));
                 }
-                let Some((_, finder)) = &mut finder else { return Ok(()) };
-                hear(finder, &payload, &header, at)
+                let Some((_, estimator)) = &mut estimator else { return Ok(()) };
+                estimate(estimator, &payload, &header, at)
             }
         };
         if sender.send(event).is_err() {
@@ -137,7 +138,7 @@ fn listen(host: &str, port: u16, array: &RadioArray, sender: &Sender<Event>) -> 
 }
 
 /// The bearing of a frame: over all of it, in pieces.
-fn hear(finder: &mut Finder, payload: &[u8], header: &Header, at: Instant) -> Event {
+fn estimate(estimator: &mut Estimator, payload: &[u8], header: &Header, at: Instant) -> Event {
     let samples: Vec<Complex32> = payload
         .chunks_exact(8)
         .map(|b| {
@@ -147,11 +148,11 @@ fn hear(finder: &mut Finder, payload: &[u8], header: &Header, at: Instant) -> Ev
     let piece = header.length.min(FRAME);
     for begin in (0..=header.length - piece).step_by(piece) {
         let channels = samples.chunks_exact(header.length).flat_map(|channel| &channel[begin..begin + piece]);
-        finder.add(&channels.copied().collect::<Vec<_>>());
+        estimator.add(&channels.copied().collect::<Vec<_>>());
     }
-    let mut bearing = finder.take(0).bearing;
+    let mut bearing = estimator.take(0).bearing;
     if header.is_overdriven {
         bearing.flags = bearing.flags.with(Flags::CLIP);
     }
-    Heard::of(&bearing, at)
+    Measurement::of(&bearing, at)
 }

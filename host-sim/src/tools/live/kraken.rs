@@ -9,7 +9,7 @@ use std::net::{TcpStream, ToSocketAddrs as _};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use super::{Event, Heard};
+use super::{Event, Measurement};
 
 const PERIOD: Duration = Duration::from_millis(100);
 const TIMEOUT: Duration = Duration::from_secs(2);
@@ -75,7 +75,7 @@ pub(super) fn newest(body: &str, frequency_hz: Option<u64>, last_ms: &mut u64, n
             Ok(read) => {
                 *last_ms = read.time_ms;
                 let azimuth_rad = read.bearing_deg.to_radians() as f32;
-                return Some(Event::Heard(Heard::plain(now, azimuth_rad, None)));
+                return Some(Event::Measured(Measurement::plain(now, azimuth_rad, None)));
             }
             Err(why) => torn = Some(Event::Refused(why)),
         }

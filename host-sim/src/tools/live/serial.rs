@@ -7,7 +7,7 @@ use foxhound_core::base::time;
 use foxhound_core::doa::switched::{Emitter, Group};
 use foxhound_link::radio::{hci, uudf};
 
-use super::{Event, Heard};
+use super::{Event, Measurement};
 use crate::autopilot::transport::Line;
 use crate::scenario::input::InputError;
 use crate::tools::hci::packet;
@@ -60,12 +60,14 @@ impl Reader {
             events.extend(match self {
                 Self::Reports(both) => both.0.push(*byte).map(|found| match found {
                     Ok(report) if wanted.is_some_and(|wanted| wanted != u64::from(report.handle)) => other(),
-                    Ok(report) => both.1.hear(&report, now),
+                    Ok(report) => both.1.estimate(&report, now),
                     Err(refused) => Event::Refused(refused.to_string()),
                 }),
                 Self::Angles(reader) => reader.push(*byte).map(|found| match found {
                     Ok(angle) if wanted.is_some_and(|wanted| wanted != angle.tag) => other(),
-                    Ok(angle) => Event::Heard(Heard::plain(now, f32::from(angle.azimuth_deg).to_radians(), None)),
+                    Ok(angle) => {
+                        Event::Measured(Measurement::plain(now, f32::from(angle.azimuth_deg).to_radians(), None))
+                    }
                     Err(refused) => Event::Refused(refused.to_string()),
                 }),
             });
@@ -88,7 +90,7 @@ impl Reports {
         Ok(Self { estimators, emitters: HashMap::new() })
     }
 
-    fn hear(&mut self, report: &hci::IqReport, now: Instant) -> Event {
+    fn estimate(&mut self, report: &hci::IqReport, now: Instant) -> Event {
         let refused = |error: InputError| Event::Refused(error.to_string());
         let (number, reference, values) = match packet(report, self.estimators.array()) {
             Ok(parts) => parts,
@@ -106,6 +108,6 @@ impl Reports {
         };
         let mut group = Group::default();
         estimator.take_with(self.emitters.entry(number).or_default(), &mut group, &reference, &values);
-        Heard::of(&estimator.bearing(&group, time::Instant(0)).bearing, now)
+        Measurement::of(&estimator.bearing(&group, time::Instant(0)).bearing, now)
     }
 }

@@ -112,7 +112,7 @@ fn kraken_lines_are_read_by_frequency_and_torn_ones_are_not_believed() {
     let body = line(1_700_000_000_000, 350.0, 433_920_000) + &line(1_700_000_000_000, 45.0, 868_000_000);
     let read = |body: &str, frequency: Option<u64>| newest(body, frequency, &mut 0, Instant::now());
     let azimuth = |event: Option<Event>| match event {
-        Some(Event::Heard(heard)) => heard.azimuth_rad.to_degrees(),
+        Some(Event::Measured(measured)) => measured.azimuth_rad.to_degrees(),
         other => panic!("{other:?}"),
     };
     assert!((azimuth(read(&body, None)) - 350.0).abs() < 1e-3);
@@ -122,8 +122,8 @@ fn kraken_lines_are_read_by_frequency_and_torn_ones_are_not_believed() {
     assert!(matches!(read("", None), Some(Event::Nothing(_))));
     for cut in 0..400 {
         // A line that breaks off, wherever it does, is not taken for a whole one; behind its fixed fields only the spectrum is missing.
-        if let Some(Event::Heard(heard)) = read(&body[..cut], None) {
-            assert!((heard.azimuth_rad.to_degrees() - 350.0).abs() < 1e-3, "{cut}");
+        if let Some(Event::Measured(measured)) = read(&body[..cut], None) {
+            assert!((measured.azimuth_rad.to_degrees() - 350.0).abs() < 1e-3, "{cut}");
         }
     }
     for wrong in [
@@ -157,12 +157,12 @@ fn a_kraken_is_heard_over_http_and_its_end_has_a_name() {
         }
     });
     let mut live = Live::open(&Source::Kraken("127.0.0.1".to_owned(), port), options()).unwrap();
-    let mut heard = Vec::new();
+    let mut measured = Vec::new();
     until(&mut live, |state, bearing| {
-        heard.extend(bearing.map(|bearing| degrees(&bearing).round() as i32));
+        measured.extend(bearing.map(|bearing| degrees(&bearing).round() as i32));
         matches!(state, State::Lost(why) if why.contains("status 404"))
     });
-    assert_eq!(heard, [20, 21, 22, 23, 24]);
+    assert_eq!(measured, [20, 21, 22, 23, 24]);
     thread.join().unwrap();
     until(&mut live, |state, _| matches!(state, State::Lost(why) if !why.contains("404")));
 }
@@ -234,16 +234,16 @@ fn heimdalls_stream_gives_bearings_once_its_channels_are_in_step() {
     let mut live =
         Live::open(&Source::Heimdall("127.0.0.1".to_owned(), port), Options { array: Some(array()), ..options() })
             .unwrap();
-    let (mut heard, mut seen) = (0, Vec::new());
+    let (mut measured, mut seen) = (0, Vec::new());
     until(&mut live, |state, bearing| {
         if let Some(bearing) = bearing {
             assert!((bearing.azimuth_rad - 0.6).abs() < 0.03, "{bearing:?}");
-            heard += 1;
+            measured += 1;
         }
         seen.push(state.name());
         matches!(state, State::Lost(why) if why.contains("sync word"))
     });
-    assert!(heard >= 1, "{seen:?}");
+    assert!(measured >= 1, "{seen:?}");
     thread.join().unwrap();
 }
 
