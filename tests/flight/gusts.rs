@@ -57,6 +57,8 @@ fn in_gusts_of_three_metres_a_second_no_pillar_is_touched() {
 fn the_margin_costs_time_in_gusts_only() {
     let [calm, gusty] = ["calm", "gusts, sigma 1 m/s"].map(|weather| flown("pillars, scan", weather));
     assert_eq!(calm.reached, FLIGHTS as u32);
+    // 14.0 s before the path led round pillars as they were measured: NOT reached any more. It flies up to gaps that turn out
+    // closed.
     assert!(calm.time_s < 14.5 && gusty.time_s < 1.3 * calm.time_s, "{calm:?} {gusty:?}");
     // It keeps farther from everything than in calm air.
     assert!(gusty.clearance_m[1] > calm.clearance_m[1], "{calm:?} {gusty:?}");
