@@ -1,13 +1,13 @@
-//! What a test has left behind: QEMU processes, and their folders, of programs that are gone.
+//! Finds QEMU processes and folders that tests have left behind.
 
 use std::path::Path;
 
 use crate::Failure;
 
-/// How the folder of a QEMU begins, before the process that made it (`host-sim/src/drive/qemu/folder.rs`).
+/// Prefix of a QEMU folder's name, before the number of the process that made it (`host-sim/src/drive/qemu/folder.rs`).
 const PREFIX: &str = "foxhound-qemu-";
 
-/// Fails where a QEMU runs, or a folder of one lies in the temporary folder, whose program is gone.
+/// Fails if a QEMU process, or its folder in the temporary folder, is left from a program that has ended.
 pub(crate) fn check() -> Result<(), Failure> {
     let mut left = Vec::new();
     for entry in std::fs::read_dir("/proc").into_iter().flatten().flatten() {
@@ -27,7 +27,7 @@ pub(crate) fn check() -> Result<(), Failure> {
     if left.is_empty() { Ok(()) } else { Err(Failure(format!("left behind:\n{}", left.join("\n")))) }
 }
 
-/// The process in the name of the folder that a text names.
+/// The process number in a folder's name.
 fn owner(text: &str) -> Option<u32> {
     let (_, rest) = text.split_once(PREFIX)?;
     rest.split_once('-')?.0.parse().ok()

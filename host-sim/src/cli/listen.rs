@@ -1,4 +1,4 @@
-//! `foxhound listen`: what a recording, or a radio that runs, tells, as a page.
+//! `foxhound listen`: a page with the bearings of a recording or of a live radio.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -19,7 +19,7 @@ use super::terminal::{say, show, stop_flag};
 use super::value::{number, whole};
 use super::{Cli, check_writable, json_line, write_text};
 
-/// How long a radio may be listened to.
+/// Range of the duration.
 const SECONDS: std::ops::RangeInclusive<f64> = 0.1..=86_400.0;
 const PERIOD: Duration = Duration::from_millis(10);
 
@@ -43,10 +43,10 @@ pub(super) struct ListenCommand {
     /// Frames or packets for each bearing of a recording.
     #[arg(long, value_name = "K", default_value_t = 1, value_parser = whole::<u32>(1..=1_000_000), allow_negative_numbers = true)]
     looks: u32,
-    /// How long a radio is listened to; Ctrl-C ends it before.
+    /// Duration of listening to a radio; Ctrl-C ends it earlier.
     #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = number(SECONDS), allow_negative_numbers = true)]
     seconds: f64,
-    /// The page.
+    /// File of the page.
     #[arg(long, value_name = "FILE", default_value = "listen.html")]
     out: PathBuf,
 }

@@ -1,4 +1,4 @@
-//! `--bearings`: a radio that runs instead of antennas that are simulated.
+//! `--bearings`: a live radio instead of simulated antennas.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -14,23 +14,23 @@ use foxhound_sim::tools::radio_array::RadioArray;
 use super::terminal::warn;
 use super::value::number;
 
-/// Sigma that may be given to bearings without one.
+/// Range of the sigma for bearings without one.
 const SIGMA_DEG: std::ops::RangeInclusive<f64> = 0.1..=60.0;
-/// Age of a bearing that is still used.
+/// Range of the largest age of a bearing.
 const AGE_S: std::ops::RangeInclusive<f64> = 0.02..=10.0;
 
 #[derive(Args, Debug)]
 pub(super) struct RadioArgs {
-    /// A radio that finds directions: kraken:, heimdall:, hci:, uudf: or udp:, see below.
+    /// Direction-finding radio: kraken:, heimdall:, hci:, uudf: or udp:, see below.
     #[arg(long, value_name = "SOURCE")]
     bearings: Option<Source>,
-    /// Description of its array, as for `foxhound bearing`, where it sends samples.
+    /// Description of its array, as for `foxhound bearing`, if it sends samples.
     #[arg(long, value_name = "FILE")]
     array: Option<PathBuf>,
-    /// The transmitter that is flown to: frequency in Hz (kraken), handle (hci), address (uudf, 0x...) [default: any].
+    /// The wanted transmitter: frequency in Hz (kraken), handle (hci), address (uudf, 0x...) [default: any].
     #[arg(long, value_name = "ID", value_parser = identity)]
     emitter: Option<u64>,
-    /// Where the antennas' zero points, from the nose and clockwise.
+    /// Direction of the array's zero, clockwise from the nose.
     #[arg(
         long,
         value_name = "DEG",
@@ -42,12 +42,12 @@ pub(super) struct RadioArgs {
     /// Standard deviation of bearings that come without one (kraken, uudf).
     #[arg(long, value_name = "DEG", default_value_t = 8.0, value_parser = number(SIGMA_DEG), allow_negative_numbers = true)]
     sigma_deg: f64,
-    /// A bearing older than this, in seconds, is not used.
+    /// Bearings older than this, in seconds, are not used.
     #[arg(long, value_name = "S", default_value_t = 0.5, value_parser = number(AGE_S), allow_negative_numbers = true)]
     bearing_age: f64,
 }
 
-/// A whole number, or one in hexadecimal after 0x.
+/// A number, decimal or hexadecimal after 0x.
 fn identity(text: &str) -> Result<u64, String> {
     let number = match text.strip_prefix("0x") {
         Some(digits) => u64::from_str_radix(digits, 16),
@@ -62,12 +62,12 @@ impl RadioArgs {
         self.array.as_deref()
     }
 
-    /// Which radio, in words.
+    /// Name of the radio.
     pub(super) fn name(&self) -> String {
         self.bearings.as_ref().map_or_else(String::new, Source::to_string)
     }
 
-    /// The radio, if one is asked for.
+    /// Opens the radio, if one is given.
     pub(super) fn open(&self) -> Result<Option<Radio>, InputError> {
         let Some(source) = &self.bearings else { return Ok(None) };
         check_within("--mount-deg", self.mount_deg, &AZIMUTH_DEG)?;
@@ -86,7 +86,7 @@ impl RadioArgs {
     }
 }
 
-/// A radio, and what was said of it.
+/// A radio, and its last reported state.
 pub(super) struct Radio {
     live: Live,
     shown: State,
@@ -94,7 +94,7 @@ pub(super) struct Radio {
 }
 
 impl Radio {
-    /// What came of it.
+    /// Summary of what was received.
     pub(super) fn summary(&self) -> String {
         format!("radio: {} bearings, {} at the end", self.heard, self.live.state())
     }

@@ -1,10 +1,10 @@
-//! Programs that we start end with us, whatever ends us.
+//! Child processes end with this program, however it ends.
 
 use std::process::Command;
 
-/// Lets a program be killed when the thread that starts it ends, by SIGKILL as well, in which nothing of ours runs any more.
-/// Whoever starts it must keep to that thread. Elsewhere than on Linux it ends when it is dropped, or when it reads the end of
-/// its input.
+/// Has a child killed when the thread that starts it ends, also if this program is ended by SIGKILL. The child must be started on a
+/// thread that lives as long as it is needed. On systems other than Linux the child ends when it is dropped, or when it reads the end
+/// of its input.
 pub(super) fn ends_with_us(command: &mut Command) -> &mut Command {
     #[cfg(target_os = "linux")]
     bind(command);
@@ -20,7 +20,7 @@ fn bind(command: &mut Command) {
     let parent = rustix::process::getpid();
     let bind = move || {
         set_parent_process_death_signal(Some(Signal::KILL))?;
-        // We may have gone before that held.
+        // The parent may have ended before that.
         if getppid() == Some(parent) { Ok(()) } else { Err(std::io::ErrorKind::BrokenPipe.into()) }
     };
     // SAFETY: between fork and exec only functions may be called that are safe in a signal handler. The closure makes two

@@ -1,34 +1,34 @@
-//! The page of `foxhound listen`: bearings over time with their sigma, spectrum, eigenvalues. One file with everything in it.
+//! The page of `foxhound listen`: bearings over time with their sigma, spectrum, eigenvalues, in one HTML file.
 
 use std::fmt::Write as _;
 
 /// A bearing on the page.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// Seconds of a radio that runs, frames of a recording.
+    /// Time in seconds of a live radio; number of the frame of a recording.
     pub at: f64,
-    /// Which transmitter.
+    /// Number of the transmitter.
     pub emitter: i32,
     /// Azimuth, degrees.
     pub azimuth_deg: f64,
     /// Its standard deviation.
     pub sigma_deg: f64,
-    /// Whether it may be used.
+    /// Whether it is valid.
     pub is_valid: bool,
-    /// It is flagged as more than one wave.
+    /// Whether it is flagged as more than one wave.
     pub is_flagged: bool,
 }
 
-/// What is shown.
+/// Contents of the page.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Page {
     /// File or source.
     pub title: String,
-    /// What was read.
+    /// Description of what was read.
     pub taken: String,
-    /// What the time axis counts.
+    /// Unit of the time axis.
     pub unit: &'static str,
-    /// How many answers there were, those without a direction among them.
+    /// Number of results, including those without a direction.
     pub answers: usize,
     /// The bearings.
     pub points: Vec<Point>,
@@ -44,13 +44,13 @@ const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;ma
 svg{width:100%;height:auto;background:#f7f8fa;border:1px solid #e4e7ec}text{font-size:11px;fill:#6b7280}\
 @media(prefers-color-scheme:dark){body{color:#e5e7eb;background:#111827}svg{background:#1f2937;border-color:#374151}}";
 const COLOURS: [&str; 8] = ["#2563eb", "#dc2626", "#059669", "#d97706", "#7c3aed", "#0891b2", "#be185d", "#4d7c0f"];
-/// Size of a chart, and what its axes take.
+/// Size of a chart, and of the space for its axes.
 const SIZE: [f64; 2] = [900.0, 260.0];
 const EDGE: [f64; 2] = [48.0, 24.0];
-/// Points that a chart shows; of more every so many is left out, which is said.
+/// Largest number of points of a chart; of more, every n-th is shown, and the page says so.
 const POINTS_MAX: usize = 4000;
 
-/// A chart with axes from least to most.
+/// A chart; `x` and `y` are the ranges of its axes.
 struct Chart {
     svg: String,
     x: [f64; 2],
@@ -111,7 +111,7 @@ impl Chart {
     }
 }
 
-/// A number in few digits.
+/// A number with few digits.
 fn short(value: f64) -> String {
     match value.abs() {
         size if size >= 1e6 => format!("{:.3}M", value / 1e6),
@@ -125,7 +125,7 @@ fn text(words: &str) -> String {
     words.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// The page.
+/// Renders the page.
 #[must_use]
 pub fn page(page: &Page) -> String {
     let mut html = String::from("<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n");
@@ -148,7 +148,7 @@ pub fn page(page: &Page) -> String {
     html
 }
 
-/// Which of so many are shown.
+/// Every how many-th of `count` points is shown.
 fn thinned(html: &mut String, count: usize) -> usize {
     let step = count.div_ceil(POINTS_MAX).max(1);
     if step > 1 {

@@ -1,7 +1,7 @@
-//! Writing results: beside the place where they belong, then renamed. Under its name a file is whole, or the one of before,
-//! however the program ends.
+//! Writes results: to a temporary file in the same folder, which is then renamed. However the program ends, the file of that name is
+//! either complete or the previous one.
 //!
-//! A device or a pipe is written to as it is: nothing can be renamed there.
+//! Devices and pipes are written to directly.
 
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -17,12 +17,12 @@ pub struct Output {
     /// As the user named it.
     path: PathBuf,
     file: BufWriter<File>,
-    /// Where it lies until it is whole, and where it belongs; none for a device.
+    /// The temporary file and the final one; `None` for a device.
     moves: Option<[PathBuf; 2]>,
 }
 
 impl Output {
-    /// Begins a file, and makes its folder.
+    /// Begins a file, and creates its folder if necessary.
     ///
     /// # Errors
     /// Names the file.
@@ -45,7 +45,7 @@ impl Output {
             let file = File::options().write(true).open(path)?;
             return Ok(Self { path: path.to_owned(), file: BufWriter::new(file), moves: None });
         }
-        // Behind a link it is the file itself that is replaced, and one that must not be written is not.
+        // The target of a symbolic link is replaced, not the link; a read-only file is refused.
         let target = if there.is_some() { fs::canonicalize(path)? } else { path.to_owned() };
         if there.is_some() {
             File::options().append(true).open(&target)?;
@@ -57,13 +57,13 @@ impl Output {
         let beside = target.with_file_name(name);
         let file = File::options().write(true).create_new(true).open(&beside)?;
         if let Some(there) = there {
-            // Only who may read it depends on it.
+            // The result is complete without them.
             let _ = file.set_permissions(there.permissions());
         }
         Ok(Self { path: path.to_owned(), file: BufWriter::new(file), moves: Some([beside, target]) })
     }
 
-    /// Writes on.
+    /// Writes bytes.
     ///
     /// # Errors
     /// Names the file.
@@ -71,10 +71,10 @@ impl Output {
         self.file.write_all(bytes).map_err(|error| failed(&self.path, &error))
     }
 
-    /// Puts the file under its name.
+    /// Renames the complete file to its final name.
     ///
     /// # Errors
-    /// It could not be written to its end; what was there before stays.
+    /// The file could not be written completely; the previous one stays.
     pub fn finish(mut self) -> Result<(), InputError> {
         let named = |error: &io::Error| failed(&self.path, error);
         self.file.flush().map_err(|error| named(&error))?;
@@ -105,7 +105,7 @@ impl Seek for Output {
 impl Drop for Output {
     fn drop(&mut self) {
         if let Some([beside, _]) = &self.moves {
-            // What is not whole is no result.
+            // An incomplete file is not a result.
             let _ = fs::remove_file(beside);
         }
     }
@@ -114,14 +114,14 @@ impl Drop for Output {
 /// Writes a whole file.
 ///
 /// # Errors
-/// Names the file; what was there before stays.
+/// Names the file; the previous one stays.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), InputError> {
     let mut output = Output::create(path)?;
     output.put(bytes)?;
     output.finish()
 }
 
-/// Finds out before the work whether its result can be written.
+/// Checks before the work that its result can be written.
 ///
 /// # Errors
 /// Names the file.
@@ -129,13 +129,13 @@ pub fn check_writable(path: &Path) -> Result<(), InputError> {
     Output::create(path).map(drop)
 }
 
-/// What went wrong with a file, which a full disk is said to be in these words.
+/// The error for a file; a full disk is reported as "no space left".
 #[must_use]
 pub fn failed(path: &Path, error: &(dyn std::error::Error + 'static)) -> InputError {
     InputError::new(reason(error)).in_file(path)
 }
 
-/// The reason at the bottom of an error, as far as the system gave one.
+/// The operating system's reason behind an error, or the error itself.
 #[must_use]
 pub fn reason(error: &(dyn std::error::Error + 'static)) -> String {
     let mut cause = Some(error);
@@ -148,7 +148,7 @@ pub fn reason(error: &(dyn std::error::Error + 'static)) -> String {
                 _ => error.to_string(),
             };
         }
-        // An error of ours around that of the system hides it from `source`.
+        // `source` does not show an error that is wrapped in an `io::Error`.
         cause = match inner.downcast_ref::<io::Error>().and_then(io::Error::get_ref) {
             Some(wrapped) => {
                 let wrapped: &(dyn std::error::Error + 'static) = wrapped;

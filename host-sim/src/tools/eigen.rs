@@ -1,14 +1,14 @@
-//! Eigenvalues of a covariance, to be looked at.
+//! Eigenvalues of a covariance, for display.
 
 use foxhound_core::doa::beam::{Covariance, Vector};
 use foxhound_core::signal::phase::Complex;
 
-/// Rotations of every pair; eight antennas need six.
+/// Jacobi sweeps.
 const SWEEPS: usize = 12;
 
-/// The eigenvalues of the first so many antennas, largest first.
+/// The eigenvalues of the covariance of the first antennas, largest first, by Jacobi rotations.
 pub(super) fn values(covariance: &Covariance, antennas: usize) -> Vec<f64> {
-    // A Hermitian matrix as a real symmetric one of twice the size, whose eigenvalues come twice.
+    // A Hermitian matrix as a real symmetric one of twice the size: each eigenvalue appears twice.
     let mut a = vec![vec![0.0_f64; 2 * antennas]; 2 * antennas];
     for column in 0..antennas {
         let mut unit = Vector::default();

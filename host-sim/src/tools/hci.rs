@@ -1,4 +1,4 @@
-//! Bluetooth IQ reports in files: btsnoop, as `btmon`, Android and Wireshark write it, or the bytes of a serial line (H4).
+//! Bluetooth IQ reports in files: btsnoop, as written by `btmon`, Android and Wireshark, or the bytes of a serial line (H4).
 //!
 //! btsnoop is a header of sixteen bytes (`btsnoop\0`, version 1, kind of packets) and records of a header of 24 bytes and a packet; numbers
 //! are big-endian. Kinds: 1001 (H1, no packet type: flags tell what a packet is), 1002 (H4) and 2001 (Linux' monitor).
@@ -10,31 +10,31 @@ use super::radio_array::RadioArray;
 use crate::scenario::input::InputError;
 
 const MAGIC: &[u8] = b"btsnoop\0";
-/// Samples of the reference period are so far apart.
+/// Sample rate of the reference period.
 const REFERENCE_HZ: f64 = 1e6;
-/// Longest record that is taken for one.
+/// Longest valid record.
 const RECORD_MAX: usize = 1 << 20;
-/// What the monitor calls an event.
+/// Opcode of an event in the monitor format.
 const MONITOR_EVENT: u32 = 3;
 
-/// A packet of an array behind a switch. Without samples it holds nothing to be used.
+/// A packet of an array behind a switch; an unusable one has no samples.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Packet {
     pub(super) emitter: i32,
     /// Samples of the reference period, if there are any.
     pub(super) reference: Vec<Complex>,
-    /// Of the slots.
+    /// Samples of the slots.
     pub(super) values: Vec<Complex>,
 }
 
-/// What a file holds.
+/// The contents of a file.
 pub(super) struct Reports {
     pub(super) packets: Vec<Packet>,
-    /// In words.
+    /// Description of what was read.
     pub(super) taken: String,
 }
 
-/// A capture as a packet of the array, checked against its schedule; empty where it holds nothing to be used.
+/// Converts a report to a packet of the array and checks it against the switching schedule; an unusable report has no samples.
 ///
 /// # Errors
 /// The key of the array file that it contradicts.
@@ -70,7 +70,7 @@ pub(crate) fn packet(report: &IqReport, array: &RadioArray) -> Result<(i32, Vec<
 /// Reads a file.
 ///
 /// # Errors
-/// A file that breaks off or holds no report, the field of a report that is wrong, or the key of the array file that it contradicts.
+/// The file is truncated or has no report, a field of a report is invalid, or a key of the array file contradicts it.
 pub(super) fn read(bytes: &[u8], array: &RadioArray) -> Result<Reports, InputError> {
     let (reports, kind) = if bytes.starts_with(MAGIC) { (btsnoop(bytes)?, "btsnoop") } else { (h4(bytes)?, "H4") };
     if reports.is_empty() {

@@ -1,7 +1,7 @@
 //! `foxhound bearing --iq`: from recorded complex samples of several coherent channels to bearings.
 //!
-//! A frame's spectrum inside the occupied band gives the covariance, bin by bin; without a band its samples do. Whatever is
-//! outside of the band is kept out by a window that is tapered at both ends. Of real samples the frequencies above zero are used.
+//! The covariance is that of a frame's spectrum in the occupied band, bin by bin, or of its samples if no band is given. A window
+//! tapered at both ends keeps out signals outside the band. Of real samples only positive frequencies are used.
 
 use std::path::Path;
 
@@ -31,13 +31,13 @@ pub struct Frames {
     channels: usize,
     samples: usize,
     values: Vec<Complex32>,
-    /// The samples are real: half of the spectrum says all.
+    /// Whether the samples are real.
     is_real: bool,
     kind: String,
 }
 
 impl Frames {
-    /// Reads complex64 of shape (frames, channels, N), whole numbers of shape (frames, channels, N, 2), or a SigMF or WAV recording, for an array.
+    /// Reads complex64 of shape (frames, channels, N), integers of shape (frames, channels, N, 2), or a SigMF or WAV recording, for an array.
     ///
     /// # Errors
     /// Names the file and what is wrong with it.
@@ -116,7 +116,7 @@ fn size(value: u64) -> usize {
     usize::try_from(value).unwrap_or(usize::MAX)
 }
 
-/// Whole numbers, real part and imaginary part in turn.
+/// Integers, real and imaginary parts in turn.
 fn whole<T: npyz::Deserialize + Into<f32>>(bytes: &[u8], dtype: &str, full: f32) -> Result<Read, InputError> {
     let (shape, values) = read_npy::<T>(bytes, dtype)?;
     let [_, channels, samples, 2] = shape[..] else {
@@ -138,7 +138,7 @@ pub fn find(frames: &Frames, array: &RadioArray, looks: usize) -> Result<Vec<Arr
     find_watched(frames, array, looks, |_| ())
 }
 
-/// The answers, and the eigenvalues of the covariance of each.
+/// The results, and the eigenvalues of the covariance of each.
 pub(super) fn find_with_eigenvalues(
     frames: &Frames,
     array: &RadioArray,
@@ -172,7 +172,7 @@ fn find_watched(
     Ok(lines)
 }
 
-/// Frames in, bearings out.
+/// Estimates bearings from the spectra of frames.
 pub(super) struct Estimator {
     beam: Beam,
     source: Source,
@@ -183,7 +183,7 @@ pub(super) struct Estimator {
 }
 
 impl Estimator {
-    /// For frames of so many samples of each channel.
+    /// The estimator for frames with this number of samples of each channel.
     pub(super) fn new(array: &RadioArray, samples: usize, is_real: bool) -> Result<Self, InputError> {
         Ok(Self {
             beam: array.beam.build()?,
@@ -200,7 +200,7 @@ impl Estimator {
         self.band.add(values, self.samples, &mut self.covariance, &mut self.centre);
     }
 
-    /// The bearing of the frames since the last one.
+    /// The bearing of the frames since the last bearing.
     pub(super) fn take(&mut self, time: u64) -> Arrival {
         let (covariance, centre) = (std::mem::take(&mut self.covariance), std::mem::take(&mut self.centre));
         self.source.bearing(&self.beam, &covariance, centre.hz() as f32, Instant(time))
@@ -240,7 +240,7 @@ impl Band {
                 let text = format!("tone_band_hz = [{low_hz}, {high_hz}]: real samples have no frequencies below zero");
                 return Err(InputError::new(text));
             }
-            // Neither the mean nor the middle of the spectrum, which have no phase.
+            // Without the bins at zero and at half the sample rate, which have no phase.
             let [low_hz, high_hz] = band_hz.unwrap_or([bin_hz, 0.5 * rate_hz]);
             band_hz = Some([low_hz.max(bin_hz), high_hz.min(0.5 * rate_hz - bin_hz)]);
         }

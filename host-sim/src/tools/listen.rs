@@ -1,4 +1,4 @@
-//! What a recording sounds like: bearings, spectrum and eigenvalues of the covariance. `foxhound listen` draws it.
+//! Bearings, spectrum and eigenvalues of the covariance of a recording, for `foxhound listen`.
 
 use std::path::Path;
 
@@ -10,17 +10,17 @@ use super::radio_array::RadioArray;
 use super::switched::{self, Packets};
 use crate::scenario::input::InputError;
 
-/// Points of the spectrum that is shown, at most.
+/// Largest number of points of the displayed spectrum.
 const POINTS: usize = 512;
 
-/// A recording, heard.
+/// Results of a recording.
 #[derive(Clone, Debug)]
 pub struct Listened {
     /// The bearings.
     pub lines: Vec<ArrayLine>,
     /// The covariance's eigenvalues of each, largest first.
     pub eigenvalues: Vec<Vec<f64>>,
-    /// Frequency and mean power of all channels, relative to the strongest; none of an array behind a switch, whose slots are too short.
+    /// Frequency and mean power of all channels, relative to the strongest; empty for an array behind a switch, whose slots are too short.
     pub spectrum: Vec<[f64; 2]>,
     /// The occupied band, if it is given.
     pub band_hz: Option<[f64; 2]>,
@@ -28,7 +28,7 @@ pub struct Listened {
     pub taken: String,
 }
 
-/// Hears a recording: as `bearing --switched` does where the array file has `[switch]`, else as `bearing --iq`.
+/// Processes a recording: as `bearing --switched` if the array file has `[switch]`, else as `bearing --iq`.
 ///
 /// # Errors
 /// Names the file or the key, and what is wrong with it.
@@ -45,7 +45,7 @@ pub fn listen(path: &Path, array: &RadioArray, looks: usize) -> Result<Listened,
     Ok(Listened { lines, eigenvalues, spectrum, band_hz, taken: frames.taken() })
 }
 
-/// Mean power over channels and frames, in [`POINTS`] points at most.
+/// Mean power over channels and frames, in at most [`POINTS`] points.
 fn spectrum(frames: &Frames, rate_hz: f64) -> Vec<[f64; 2]> {
     let samples = frames.samples();
     let fft = FftPlanner::<f32>::new().plan_fft_forward(samples);

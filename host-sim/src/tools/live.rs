@@ -1,15 +1,15 @@
-//! Bearings of a radio that runs: what `foxhound companion --bearings` hears.
+//! Bearings from a live radio, for `foxhound companion --bearings`.
 //!
-//! | source | what is there | needs |
+//! | source | what sends | needs |
 //! |---|---|---|
 //! | `kraken:HOST[:PORT]` | the direction-finding software of a `KrakenSDR`: its CSV over HTTP, port 8081 | |
-//! | `heimdall:HOST[:PORT]` | its coherent samples: heimdall's stream over TCP, port 5000 | the array |
+//! | `heimdall:HOST[:PORT]` | the coherent samples of a `KrakenSDR`: heimdall's stream over TCP, port 5000 | the array |
 //! | `hci:DEVICE:BAUD` | a Bluetooth controller that sends IQ reports, H4 | the array |
 //! | `uudf:DEVICE:BAUD` | a u-blox module that prints `+UUDF` lines | |
-//! | `udp:HOST:PORT` | anything that sends JSON lines by UDP to this port of ours | |
+//! | `udp:HOST:PORT` | any program that sends JSON lines by UDP to this local port | |
 //!
-//! Nothing here waits: [`Live::poll`] gives the newest bearing, if one came that is not too old. What stops, or sends what cannot be
-//! read, has a [`State`] with a name; the flight then holds (`no_signal`) when its last bearing is older than `FH_BRG_AGE`.
+//! [`Live::poll`] never waits: it returns the newest bearing that is not too old, if there is one. A source that stops, or that sends
+//! unreadable data, has a [`State`] that says so; the flight holds (`no_signal`) once its last bearing is older than `FH_BRG_AGE`.
 
 use std::fmt;
 use std::net::UdpSocket;
@@ -30,23 +30,23 @@ mod heimdall;
 mod kraken;
 mod serial;
 
-/// After so long without anything a source is silent.
+/// A source that sends nothing for this long is silent.
 const SILENT: Duration = Duration::from_secs(2);
 /// Longest datagram.
 const DATAGRAM_MAX: usize = 4096;
 
-/// Where bearings come from.
+/// A source of bearings.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// A `KrakenSDR`'s directions.
+    /// The directions of a `KrakenSDR`: host and port.
     Kraken(String, u16),
-    /// Its samples.
+    /// The samples of a `KrakenSDR`: host and port.
     Heimdall(String, u16),
-    /// A Bluetooth controller.
+    /// A Bluetooth controller: device and baud rate.
     Hci(PathBuf, u32),
-    /// A u-blox module.
+    /// A u-blox module: device and baud rate.
     Uudf(PathBuf, u32),
-    /// Whoever sends to this port.
+    /// JSON lines by UDP: local address and port.
     Udp(String, u16),
 }
 
@@ -97,42 +97,42 @@ impl fmt::Display for Source {
     }
 }
 
-/// What is made of what comes.
+/// How measurements of a source are used.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
-    /// The array, for those that send samples.
+    /// The array, for sources that send samples.
     pub array: Option<RadioArray>,
-    /// Which transmitter, of those that tell several apart: handle, address or frequency in Hz.
+    /// The wanted transmitter, for sources that tell transmitters apart: handle, address or frequency in Hz.
     pub emitter: Option<u64>,
-    /// Where the antennas' zero points, from the nose and clockwise.
+    /// Direction of the array's zero, clockwise from the nose.
     pub mount_rad: f32,
-    /// Sigma of a bearing of which nothing says how good it is.
+    /// Sigma of bearings that come without one.
     pub sigma_rad: f32,
-    /// A bearing older than this when it is taken is not used.
+    /// Older bearings are not used.
     pub age_max: Duration,
 }
 
-/// How things stand.
+/// State of a source.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum State {
-    /// Nothing came yet.
+    /// Nothing has been received yet.
     Waiting,
-    /// Bearings come.
+    /// Bearings are received.
     Hearing,
-    /// What comes holds no bearing: silence at the radio, another transmitter, a radio that calibrates itself.
+    /// Data without a bearing: no signal at the radio, another transmitter, or a radio that is calibrating itself.
     NoBearing(String),
-    /// Bearings came too late to be used.
+    /// Bearings arrive too late to be used.
     Stale,
-    /// Nothing came for two seconds.
+    /// Nothing was received for two seconds.
     Silent,
-    /// What came cannot be read.
+    /// Unreadable data.
     Refused(String),
-    /// The line broke, or there is nobody.
+    /// The connection failed.
     Lost(String),
 }
 
 impl State {
-    /// Its name in reports.
+    /// Name of the state in reports.
     #[must_use]
     pub const fn name(&self) -> &'static str {
         match self {
@@ -156,12 +156,12 @@ impl fmt::Display for State {
     }
 }
 
-/// What a source says.
+/// One message of a source.
 #[derive(Clone, Debug, PartialEq)]
 enum Event {
-    /// A bearing, measured then.
+    /// A bearing.
     Measured(Measurement),
-    /// It works, and hears nothing to be used.
+    /// The source works and has no usable signal; why.
     Nothing(String),
     Refused(String),
     Lost(String),
@@ -172,14 +172,14 @@ enum Event {
 struct Measurement {
     at: Instant,
     azimuth_rad: f32,
-    /// None where nothing says it.
+    /// `None` if the source does not give it.
     sigma_rad: Option<f32>,
     flags: Flags,
     quality: Quality,
 }
 
 impl Measurement {
-    /// Of those that tell an angle and nothing else.
+    /// From a source that gives an angle and nothing else.
     fn plain(at: Instant, azimuth_rad: f32, sigma_rad: Option<f32>) -> Self {
         let quality = Quality { wavenumber: 1.0, ..Quality::default() };
         Self { at, azimuth_rad, sigma_rad, flags: Flags::default(), quality }
@@ -200,7 +200,7 @@ enum Kind {
     Udp(UdpSocket),
 }
 
-/// A source, opened.
+/// An open source.
 pub struct Live {
     kind: Kind,
     options: Options,
@@ -209,10 +209,10 @@ pub struct Live {
 }
 
 impl Live {
-    /// Opens a source. One that is not there yet is no error where it is called again.
+    /// Opens a source. A network source that does not answer yet is not an error: the connection is tried again.
     ///
     /// # Errors
-    /// An array that is missing or that the core refuses, a device or a port that cannot be opened.
+    /// The array is missing or refused by the core, or the device or port cannot be opened.
     pub fn open(source: &Source, options: Options) -> Result<Self, InputError> {
         let needs = |kind: &str| {
             let array = options.array.clone();
@@ -243,7 +243,7 @@ impl Live {
         Ok(Self { kind, options, state: State::Waiting, last: Instant::now() })
     }
 
-    /// The port that is listened to by UDP.
+    /// The local UDP port.
     #[must_use]
     pub fn port(&self) -> Option<u16> {
         match &self.kind {
@@ -252,13 +252,13 @@ impl Live {
         }
     }
 
-    /// How things stand.
+    /// The present state.
     #[must_use]
     pub const fn state(&self) -> &State {
         &self.state
     }
 
-    /// The newest bearing since the last call, in the body frame, as of the caller's clock; none when none came that may be used.
+    /// The newest usable bearing since the last call, if any, in the body frame and with a time of the caller's clock.
     pub fn poll(&mut self, now: time::Instant) -> Option<Bearing> {
         let events = match &mut self.kind {
             Kind::Thread(receiver) => receiver.try_iter().collect(),
@@ -305,7 +305,7 @@ impl Live {
     }
 }
 
-/// A line of JSON. Other keys are passed over: the lines of `foxhound bearing --json` are such lines.
+/// A line of JSON. Other keys are ignored, so that lines of `foxhound bearing --json` can be sent as they are.
 #[derive(Deserialize)]
 struct Json {
     azimuth_deg: Option<f64>,
@@ -314,7 +314,7 @@ struct Json {
     age_s: Option<f64>,
 }
 
-/// The events in a datagram, a line each.
+/// The events of a datagram, one for each line.
 fn parse(text: &[u8], now: Instant) -> Vec<Event> {
     let Ok(text) = std::str::from_utf8(text) else { return vec![Event::Refused("no UTF-8".to_owned())] };
     text.lines().filter(|line| !line.trim().is_empty()).map(|line| json(line, now)).collect()
@@ -347,7 +347,7 @@ fn json(line: &str, now: Instant) -> Event {
 fn datagrams(socket: &UdpSocket) -> Vec<Event> {
     let mut events = Vec::new();
     let mut bytes = [0; DATAGRAM_MAX];
-    // Bounded: a flood must not hold up the flight.
+    // Bounded, so that a flood of datagrams cannot delay the flight.
     for _ in 0..64 {
         let Ok((count, _)) = socket.recv_from(&mut bytes) else { break };
         events.extend(parse(&bytes[..count], Instant::now()));

@@ -142,7 +142,7 @@ pub fn find(packets: &Packets, array: &RadioArray, looks: usize) -> Result<(Vec<
     find_watched(packets, array, looks, |_| ())
 }
 
-/// The answers, and the eigenvalues of the covariance of each.
+/// The results, and the eigenvalues of the covariance of each.
 pub(super) fn find_with_eigenvalues(
     packets: &Packets,
     array: &RadioArray,
@@ -163,7 +163,7 @@ fn find_watched(
     let mut estimators = Estimators::new(array, packets.samples);
     let mut states: HashMap<i32, (Emitter, Group, usize)> = HashMap::new();
     let mut lines = Vec::with_capacity(packets.count() / looks);
-    // Those without samples are like any others.
+    // A packet without samples counts as one of the longest.
     let longest = packets.packets.iter().map(|packet| packet.values.len()).max().unwrap_or_default() / packets.samples;
     for (frame, packet) in packets.packets.iter().enumerate() {
         let slots = packet.values.len() / packets.samples;

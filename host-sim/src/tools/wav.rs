@@ -14,13 +14,13 @@ pub(super) struct Recording {
     pub(super) channels: usize,
     pub(super) samples: usize,
     pub(super) values: Vec<Complex32>,
-    /// The samples are real.
+    /// Whether the samples are real.
     pub(super) is_real: bool,
-    /// In words.
+    /// Description of the format.
     pub(super) kind: String,
 }
 
-/// Reads a recording of so many antennas: that many channels are real samples, twice as many I and Q.
+/// Reads a recording of an array: one channel per antenna is real samples, two per antenna are I and Q.
 ///
 /// # Errors
 /// Names the file, and the field of its header that does not fit.

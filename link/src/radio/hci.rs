@@ -1,20 +1,20 @@
 //! Bluetooth IQ reports: LE meta events 0x15 (Connectionless IQ Report) and 0x16 (Connection IQ Report).
 //!
 //! Bluetooth Core Specification, Vol 4: part A for the H4 framing of a serial line, part E 7.7.65.21 and 22 for the events. The
-//! samples begin with eight of the reference period, 1 us apart, all of one antenna; then comes one for each sample slot, two slot
-//! durations apart, each of the next antenna in the switching pattern. Of a report that names its fields wrongly nothing is used.
+//! first eight samples are the reference period, 1 us apart, all from one antenna. Then each sample slot gives one sample, two slot
+//! durations after the last, from the next antenna of the switching pattern. A report with an invalid field is not used.
 
 use heapless::Vec;
 
-/// Most samples of a report, and of a constant tone extension of 160 us.
+/// Largest number of samples in a report: those of a constant tone extension of 160 us.
 pub const SAMPLES_MAX: usize = 82;
-/// Fewest samples of a report that has any.
+/// Smallest number of samples in a report that has any.
 pub const SAMPLES_MIN: usize = 9;
 /// Samples of the reference period.
 pub const REFERENCE: usize = 8;
 /// Longest event: its code, its length, its parameters.
 const EVENT_MAX: usize = 257;
-/// What stands for a sample that is not valid.
+/// Value of an invalid sample.
 const NO_SAMPLE: i8 = i8::MIN;
 
 const LE_META: u8 = 0x3E;
@@ -30,27 +30,27 @@ pub enum Link {
     Connection,
 }
 
-/// What the constant tone extension is made for.
+/// Type of the constant tone extension.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cte {
-    /// The receiver switches between antennas: a bearing may be had.
+    /// Angle of arrival: the receiver switches its antennas, so a bearing can be measured.
     Arrival,
-    /// The transmitter does: none.
+    /// Angle of departure: the transmitter switches its antennas; no bearing can be measured.
     Departure,
 }
 
-/// What became of the packet in the radio.
+/// Status of the packet in the radio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Status {
-    /// It came whole.
+    /// Received without error.
     Good,
-    /// Its checksum is wrong: who sent it is not certain.
+    /// The checksum is wrong, so the sender is not certain.
     BadChecksum,
-    /// The radio had no room for the samples.
+    /// The radio had no memory for the samples.
     NoResources,
 }
 
-/// A report.
+/// An IQ report.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct IqReport {
     /// How it was sent.
@@ -61,11 +61,11 @@ pub struct IqReport {
     pub channel: u8,
     /// Received power, in tenths of a dBm.
     pub rssi_ddbm: i16,
-    /// What its extension is made for.
+    /// Type of the constant tone extension.
     pub cte: Cte,
     /// Length of a slot: 1 or 2 us. Samples come two slots apart.
     pub slot_us: u8,
-    /// What became of the packet.
+    /// Status of the packet.
     pub status: Status,
     /// Counter of events.
     pub counter: u16,
@@ -85,7 +85,7 @@ impl IqReport {
         self.samples.get(REFERENCE..).unwrap_or_default()
     }
 
-    /// Whether a bearing may be had of it.
+    /// Whether a bearing can be measured from it.
     #[must_use]
     pub fn is_usable(&self) -> bool {
         let is_whole = !self.samples.iter().flatten().any(|part| *part == NO_SAMPLE);
@@ -93,7 +93,7 @@ impl IqReport {
     }
 }
 
-/// Why a report is not used: the field, and what it holds.
+/// Why a report is refused: the invalid field and its value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Refused {
     /// Name of the field in the specification.
@@ -108,7 +108,7 @@ impl core::fmt::Display for Refused {
     }
 }
 
-/// Takes values off the front of an event's parameters.
+/// The parameters of an event that have not been read yet.
 struct Fields<'a> {
     rest: &'a [u8],
     length: usize,
@@ -132,10 +132,10 @@ impl Fields<'_> {
     }
 }
 
-/// The report in an event (code, length, parameters); none in another event.
+/// Reads the report in an event (code, length, parameters); `None` for other events.
 ///
 /// # Errors
-/// The field whose value there cannot be, or `Parameter_Total_Length` when it is not that of its samples.
+/// The field with an invalid value, or `Parameter_Total_Length` if it does not match the number of samples.
 pub fn report(event: &[u8]) -> Result<Option<IqReport>, Refused> {
     let (Some(code), Some(length)) = (event.first(), event.get(1)) else {
         return Err(Refused { field: "Parameter_Total_Length", value: -1 });
@@ -185,7 +185,7 @@ pub fn report(event: &[u8]) -> Result<Option<IqReport>, Refused> {
     let counter = fields.word()?;
     let count = usize::from(fields.byte()?);
     if count != 0 && !(SAMPLES_MIN..=SAMPLES_MAX).contains(&count) {
-        // Some radios tell that they have no sample by one that is not valid.
+        // Some radios report "no samples" as one invalid sample.
         let is_none = status == Status::NoResources && count == 1;
         if !is_none {
             return Err(Refused { field: "Sample_Count", value: count as i32 });
@@ -200,7 +200,7 @@ pub fn report(event: &[u8]) -> Result<Option<IqReport>, Refused> {
     if count >= SAMPLES_MIN {
         for pair in fields.rest.chunks_exact(2) {
             if let &[i, q] = pair {
-                // There is room for as many as there can be.
+                // Cannot fail: the count was checked.
                 let _ = samples.push([i.cast_signed(), q.cast_signed()]);
             }
         }
@@ -208,33 +208,33 @@ pub fn report(event: &[u8]) -> Result<Option<IqReport>, Refused> {
     Ok(Some(IqReport { link, handle, channel, rssi_ddbm, cte, slot_us, status, counter, samples }))
 }
 
-/// What came over the line.
+/// What was received.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Events, reports among them.
+    /// Events, including reports.
     pub events: u32,
-    /// Reports that were whole.
+    /// Valid reports.
     pub reports: u32,
-    /// Reports that name a field wrongly.
+    /// Reports with an invalid field.
     pub refused: u32,
-    /// Bytes that begin no packet.
+    /// Bytes that are not part of a packet.
     pub skipped: u32,
 }
 
-/// Where in a packet the line is.
+/// Position in a packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Within {
     /// The next byte is a packet's type.
     Type,
     /// An event is being collected.
     Event,
-    /// The header of a packet that is not an event: so many bytes to go, of a header of this kind.
+    /// The header of a packet that is not an event: the type of the packet, and the header bytes read so far.
     Header { kind: u8, taken: u8 },
-    /// So many bytes of it to go.
+    /// The body of such a packet: the number of bytes still to come.
     Body(u16),
 }
 
-/// Finds reports in a line's bytes. H4 has no mark between packets: what does not begin one is skipped, byte by byte.
+/// Finds reports in the bytes of a serial line. H4 has no mark between packets: bytes that cannot begin one are skipped.
 #[derive(Clone, Debug)]
 pub struct Reader {
     within: Within,
@@ -250,7 +250,7 @@ impl Default for Reader {
 }
 
 impl Reader {
-    /// A reader that has heard nothing.
+    /// A reader at the beginning of a line.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -261,19 +261,19 @@ impl Reader {
         }
     }
 
-    /// What came so far.
+    /// The counters.
     #[must_use]
     pub const fn counters(&self) -> Counters {
         self.counters
     }
 
-    /// Whether the last packet is not all there.
+    /// Whether the last packet is incomplete.
     #[must_use]
     pub fn is_inside(&self) -> bool {
         self.within != Within::Type
     }
 
-    /// Takes a byte; a report, or why it is not used, comes with its last.
+    /// Takes a byte; returns a report, or why it is refused, with the report's last byte.
     pub fn push(&mut self, byte: u8) -> Option<Result<IqReport, Refused>> {
         match self.within {
             Within::Type => {
@@ -290,7 +290,7 @@ impl Reader {
                 None
             }
             Within::Header { kind, taken } => {
-                // Command and SCO: two bytes and a length of one; ACL and ISO: two bytes and a length of two, ISO's of 14 bits.
+                // Command and SCO: two bytes, then one byte of length. ACL and ISO: two bytes, then two of length (ISO: 14 bits).
                 match (kind, taken) {
                     (1 | 3, 2) => self.skip(u16::from(byte)),
                     (2 | 5, 3) => {

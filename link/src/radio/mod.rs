@@ -1,5 +1,5 @@
-//! What radios that find directions themselves, or give the samples for it, send over a serial line. Bytes go in, measurements come out: no
-//! heap, no clock, no IO.
+//! Readers for what direction-finding radios send over a serial line. Bytes go in, measurements come out: no heap, no
+//! clock, no IO.
 //!
 //! | module | what it reads |
 //! |---|---|

@@ -4,16 +4,16 @@
 //! +UUDF:6C1DEBA41845,-56,-11,20,0,39,"6C1DEBA79D14","",746675,12
 //! ```
 //!
-//! They hold: the tag's address, received power in dBm, azimuth and elevation in degrees from the board's normal, a reserved number, the radio
-//! channel, the anchor's address, a text of the user's, milliseconds since the board started, and, from newer versions, a sequence number. Azimuth is
-//! positive to the right of the board as one looks along its normal; a board that is mounted otherwise is for the caller to turn.
+//! The fields are: the tag's address, received power in dBm, azimuth and elevation in degrees from the board's normal, a reserved number, the radio
+//! channel, the anchor's address, a user-defined text, milliseconds since the board started, and in newer versions a sequence number. Azimuth is
+//! positive to the right of the board, looking along its normal. The caller adds the angle at which the board is mounted.
 
 use heapless::Vec;
 
 /// Longest line that is read.
 pub const LINE_MAX: usize = 160;
 
-/// A line.
+/// A measured angle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Angle {
     /// Address of the tag.
@@ -30,10 +30,10 @@ pub struct Angle {
     pub time_ms: u64,
 }
 
-/// Why a line is not used.
+/// Why a line is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Refused {
-    /// The field, or `line` when it is longer than [`LINE_MAX`].
+    /// The field, or `line` if the line is longer than [`LINE_MAX`].
     pub field: &'static str,
 }
 
@@ -43,10 +43,10 @@ impl core::fmt::Display for Refused {
     }
 }
 
-/// Reads a line; none when it is of another kind.
+/// Reads a line; `None` for other kinds of lines.
 ///
 /// # Errors
-/// The field that is missing, no number or out of range.
+/// The field that is missing, not a number or out of range.
 pub fn angle(line: &[u8]) -> Result<Option<Angle>, Refused> {
     let Some(fields) = line.trim_ascii().strip_prefix(b"+UUDF:") else { return Ok(None) };
     let Ok(fields) = core::str::from_utf8(fields) else { return Err(Refused { field: "text" }) };
@@ -70,7 +70,7 @@ pub fn angle(line: &[u8]) -> Result<Option<Angle>, Refused> {
     Ok(Some(Angle { tag, rssi_dbm, azimuth_deg, elevation_deg, channel, time_ms }))
 }
 
-/// Takes fields off the front; a comma inside quotation marks ends none.
+/// The fields that have not been read yet; a comma inside quotation marks does not end a field.
 struct Split<'a> {
     rest: Option<&'a str>,
 }
@@ -97,7 +97,7 @@ impl<'a> Split<'a> {
     }
 }
 
-/// Collects bytes to lines.
+/// Collects bytes into lines.
 #[derive(Clone, Debug, Default)]
 pub struct Reader {
     line: Vec<u8, LINE_MAX>,
@@ -105,7 +105,7 @@ pub struct Reader {
 }
 
 impl Reader {
-    /// Takes a byte; an angle, or why it is not used, comes with the end of its line.
+    /// Takes a byte; returns an angle, or why its line is refused, at the end of the line.
     pub fn push(&mut self, byte: u8) -> Option<Result<Angle, Refused>> {
         if byte != b'\n' && byte != b'\r' {
             self.is_too_long |= self.line.push(byte).is_err();

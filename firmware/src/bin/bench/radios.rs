@@ -1,4 +1,4 @@
-//! What other receivers cost: a packet of an array behind a switch, a covariance of eight channels, a beam all round.
+//! Cost of other receivers: a packet of an array behind a switch, a covariance of eight channels, a beam in all directions.
 
 use core::f32::consts::TAU;
 use core::hint::black_box;
@@ -19,7 +19,7 @@ const ANTENNAS: usize = 8;
 /// Slots of a packet of 160 us, and samples of a slot.
 const SLOTS: usize = 37;
 const SAMPLES: usize = 3;
-/// Samples of a channel, and how many of them are different.
+/// Samples of a channel, and the number of different ones.
 const N: usize = 256;
 const KEPT: usize = 16;
 
@@ -34,7 +34,7 @@ pub(super) fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     frames(measure, &mut rng);
 }
 
-/// A ring of eight.
+/// A ring of eight antennas.
 fn beam() -> Beam {
     let antennas_m = core::array::from_fn(|k| {
         let z = Complex::at(wrap_pi(k as f32 * TAU / ANTENNAS as f32)).scaled(0.5);
@@ -47,7 +47,7 @@ fn beam() -> Beam {
     }
 }
 
-/// The worst of some packets.
+/// The largest cost of several packets.
 #[inline(never)]
 fn packets(measure: &impl Fn(&mut dyn FnMut()) -> u32, rng: &mut Rng) {
     let mut pattern = [0; SLOTS_MAX];

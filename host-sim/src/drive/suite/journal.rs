@@ -1,9 +1,9 @@
-//! What a suite has flown so far, on disk while it flies, so that one that was ended goes on where it was.
+//! The flights that a suite has finished, on disk, so that an interrupted suite can be resumed.
 //!
-//! A file of JSON lines: a [`Header`], then a line for each flight as it comes to its end, in whatever order, with its number
-//! in the suite. A line that has no end was being written when the program was killed, and is flown again. The numbers put
-//! the flights back in the order of the suite, and JSON keeps every bit of them: the results are those of the suite in one
-//! piece, byte for byte. When all of them are written the journal is removed.
+//! A file of JSON lines: a [`Header`], then a line for each finished flight, in any order, with its number in the
+//! suite. An incomplete last line was being written when the program was killed; its flight is flown again. The numbers restore the
+//! order of the suite, and JSON keeps every bit of the values: the results are byte for byte those of an uninterrupted suite. The
+//! journal is removed when all results are written.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -18,18 +18,18 @@ use super::{Flown, shard};
 use crate::scenario::input::InputError;
 use crate::scenario::output;
 
-/// The first line: of which suite it is, and which program flies it.
+/// The first line: the suite, and the program that flies it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Header {
-    /// All that decides what is flown.
+    /// Everything that determines the flights.
     pub suite: shard::Header,
-    /// Flights of another build are not put together with ours.
+    /// Identifies the build: flights of different builds are not joined.
     pub program: String,
 }
 
 impl Header {
-    /// That of this program.
+    /// The header for this program.
     #[must_use]
     pub fn new(suite: shard::Header) -> Self {
         let about = std::env::current_exe().and_then(fs::metadata);
@@ -40,7 +40,7 @@ impl Header {
         Self { suite, program: program.unwrap_or_default() }
     }
 
-    /// Where its journal lies.
+    /// Path of the journal.
     #[must_use]
     pub fn path(&self, folder: &Path) -> PathBuf {
         let shard::Header { shard, of, fingerprint, .. } = &self.suite;
@@ -49,7 +49,7 @@ impl Header {
     }
 }
 
-/// A flight that was flown.
+/// A finished flight.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Line {
@@ -57,18 +57,18 @@ struct Line {
     flown: Flown,
 }
 
-/// What to do about a journal that is there.
+/// What to do with an existing journal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Before {
-    /// Go on where it ends.
+    /// Continue after its last flight.
     Resume,
-    /// Begin anew.
+    /// Start again.
     Discard,
-    /// Neither was asked for: refuse.
+    /// Refuse: the user asked for neither.
     Refuse,
 }
 
-/// The journal of a suite that is being flown.
+/// The journal of a running suite.
 #[derive(Debug)]
 pub struct Journal {
     path: PathBuf,
@@ -77,10 +77,10 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Opens the journal of a suite, or begins it.
+    /// Opens or creates the journal of a suite.
     ///
     /// # Errors
-    /// Names the file: it cannot be written, is of another build, or there and nobody said what is to become of it.
+    /// Names the file: it cannot be written, is from another build, or exists and `before` refuses it.
     pub fn open(folder: &Path, header: &Header, before: Before) -> Result<Self, InputError> {
         let path = header.path(folder);
         let failed = |error: io::Error| output::failed(&path, &error);
@@ -109,22 +109,22 @@ impl Journal {
         Ok(journal)
     }
 
-    /// Where it lies.
+    /// Its path.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// What was flown before it was opened.
+    /// The flights that were finished before it was opened.
     #[must_use]
     pub const fn flown(&self) -> &BTreeMap<usize, Flown> {
         &self.flown
     }
 
-    /// Takes in a flight.
+    /// Adds a finished flight.
     ///
     /// # Errors
-    /// Names the file: the flight is not on disk.
+    /// Names the file; the flight is not on disk.
     pub fn add(&self, flight: usize, flown: &Flown) -> Result<(), InputError> {
         self.write(&Line { flight, flown: flown.clone() })
     }
@@ -136,7 +136,7 @@ impl Journal {
         file.write_all(text.as_bytes()).map_err(|error| output::failed(&self.path, &error))
     }
 
-    /// Removes it: all of it is in the results.
+    /// Removes the journal, when its flights are in the results.
     ///
     /// # Errors
     /// Names the file.
@@ -145,7 +145,7 @@ impl Journal {
     }
 }
 
-/// How many bytes of a journal are whole, and the flights in them.
+/// The number of complete bytes of a journal, and the flights in them.
 fn read(text: &str, header: &Header) -> Result<(usize, BTreeMap<usize, Flown>), InputError> {
     let mut flown = BTreeMap::new();
     let mut whole = 0;
@@ -154,7 +154,7 @@ fn read(text: &str, header: &Header) -> Result<(usize, BTreeMap<usize, Flown>), 
             match serde_json::from_str::<Header>(line) {
                 Ok(found) if found == *header => {}
                 Ok(_) => return Err(InputError::new("is of another build of the program; --force begins anew")),
-                // The system went down before it was on disk.
+                // The system stopped before the header was on disk.
                 Err(_) => break,
             }
         } else {

@@ -1,8 +1,8 @@
 //! heimdall's stream of coherent samples over TCP (`KrakenSDR`, `KerberosSDR`): a header of 1024 bytes and a frame of complex64, channel after
-//! channel, for each `IQDownload` that is asked for.
+//! channel, for each request `IQDownload`.
 //!
-//! The header is a C structure of little-endian numbers with their natural alignment. Frames that are not data, or in which
-//! the channels are not yet in step, make no bearing.
+//! The header is a C structure of little-endian numbers with their natural alignment. Frames that are not data, or
+//! whose channels are not yet synchronised, give no bearing.
 
 use std::io::{Read as _, Write as _};
 use std::net::{TcpStream, ToSocketAddrs as _};
@@ -25,7 +25,7 @@ const AGAIN: Duration = Duration::from_secs(1);
 /// Samples of a channel in a frame.
 const LENGTHS: std::ops::RangeInclusive<usize> = 8..=1 << 20;
 
-/// What a header says that matters here.
+/// The fields of a header that are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Header {
     pub(super) is_data: bool,
@@ -67,7 +67,7 @@ impl Header {
         self.channels * self.length * 8
     }
 
-    /// Why a frame makes no bearing of an array.
+    /// Why a frame gives no bearing for an array, if it does not.
     fn refuses(&self, array: &RadioArray) -> Option<Event> {
         let antennas = array.beam.count;
         if self.channels != antennas {
@@ -83,7 +83,7 @@ impl Header {
 }
 
 pub(super) fn start(host: &str, port: u16, array: RadioArray) -> Result<Receiver<Event>, InputError> {
-    // What cannot be read at all is refused before the flight.
+    // An array that cannot be used is refused before the flight.
     Estimator::new(&array, FRAME, false)?;
     let (sender, receiver) = channel();
     let host = host.to_owned();
@@ -102,7 +102,7 @@ pub(super) fn start(host: &str, port: u16, array: RadioArray) -> Result<Receiver
     Ok(receiver)
 }
 
-/// Until nobody listens any more, or the stream breaks.
+/// Reads the stream until the receiver is dropped or the stream fails.
 fn listen(host: &str, port: u16, array: &RadioArray, sender: &Sender<Event>) -> Result<(), String> {
     let text = |error: std::io::Error| error.to_string();
     let address = (host, port).to_socket_addrs().map_err(text)?.next().ok_or("no such host")?;
@@ -137,7 +137,7 @@ fn listen(host: &str, port: u16, array: &RadioArray, sender: &Sender<Event>) -> 
     }
 }
 
-/// The bearing of a frame: over all of it, in pieces.
+/// The bearing of a frame, from the sum of the covariances of its pieces.
 fn estimate(estimator: &mut Estimator, payload: &[u8], header: &Header, at: Instant) -> Event {
     let samples: Vec<Complex32> = payload
         .chunks_exact(8)

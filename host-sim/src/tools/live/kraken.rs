@@ -1,8 +1,8 @@
-//! A `KrakenSDR`'s directions: `DOA_value.html`, lines of comma-separated values, one for each frequency that it listens to.
+//! A `KrakenSDR`'s directions: `DOA_value.html`, lines of comma-separated values, one for each frequency that it receives.
 //!
 //! Fields: time (ms), bearing (degrees clockwise from the array's zero, as a compass has it), confidence, power, frequency (Hz), array, latency,
 //! station, latitude, longitude, heading twice, `GPS`, four reserved, then the spectrum over the circle. The software rewrites the file in
-//! place, so that a line may come torn: it is passed over. A line whose time is that of the one before is no new bearing.
+//! place, so a line may be incomplete: it is skipped. A line with the same time as the previous one is not a new bearing.
 
 use std::io::{Read as _, Write as _};
 use std::net::{TcpStream, ToSocketAddrs as _};
@@ -14,9 +14,9 @@ use super::{Event, Measurement};
 const PERIOD: Duration = Duration::from_millis(100);
 const TIMEOUT: Duration = Duration::from_secs(2);
 const AGAIN: Duration = Duration::from_secs(1);
-/// Longest answer: sixteen lines with a spectrum each.
+/// Longest response: sixteen lines with a spectrum each.
 const ANSWER_MAX: u64 = 1 << 18;
-/// How far a frequency may be from the one that is wanted.
+/// Largest difference from the wanted frequency.
 const NEAR_HZ: f64 = 5e3;
 /// Fields before the spectrum.
 const FIELDS: usize = 17;
@@ -28,7 +28,7 @@ pub(super) fn start(host: &str, port: u16, frequency_hz: Option<u64>) -> Receive
     receiver
 }
 
-/// Until nobody listens any more.
+/// Requests the file again and again until the receiver is dropped.
 fn run(host: &str, port: u16, frequency_hz: Option<u64>, sender: &Sender<Event>) {
     let mut last_ms = 0;
     loop {
@@ -51,7 +51,7 @@ fn get(host: &str, port: u16) -> Result<String, String> {
     let mut stream = TcpStream::connect_timeout(&address, TIMEOUT).map_err(failed)?;
     stream.set_read_timeout(Some(TIMEOUT)).map_err(failed)?;
     stream.set_write_timeout(Some(TIMEOUT)).map_err(failed)?;
-    // HTTP 1.0: the answer comes in one piece, and ends with the connection.
+    // HTTP 1.0: the response is not chunked, and ends with the connection.
     let request = format!("GET /DOA_value.html HTTP/1.0\r\nHost: {host}\r\n\r\n");
     stream.write_all(request.as_bytes()).map_err(failed)?;
     let mut bytes = Vec::new();
@@ -64,7 +64,7 @@ fn get(host: &str, port: u16) -> Result<String, String> {
     }
 }
 
-/// The newest bearing of the frequency wanted, or of the first line; none while it is that of before.
+/// The bearing of the wanted frequency, or of the first line; `None` if it is the previous one again.
 pub(super) fn newest(body: &str, frequency_hz: Option<u64>, last_ms: &mut u64, now: Instant) -> Option<Event> {
     let lines: Vec<&str> = body.lines().filter(|line| !line.trim().is_empty()).collect();
     let mut torn = None;

@@ -14,7 +14,7 @@ use crate::tools::hci::packet;
 use crate::tools::radio_array::RadioArray;
 use crate::tools::switched::Estimators;
 
-/// Transmitters that are told apart at most; handles are 12 bits, and noise may make many of them.
+/// Largest number of transmitters; handles have 12 bits, and line noise can invent many.
 const EMITTERS_MAX: usize = 64;
 
 enum Reader {
@@ -22,7 +22,7 @@ enum Reader {
     Angles(uudf::Reader),
 }
 
-/// A line, and what reads it.
+/// A serial line and its reader.
 pub(super) struct Serial {
     line: Line,
     reader: Reader,
@@ -38,7 +38,7 @@ impl Serial {
         Self { line, reader: Reader::Angles(uudf::Reader::default()), was_open: true }
     }
 
-    /// What came since the last call.
+    /// The events since the last call.
     pub(super) fn events(&mut self, wanted: Option<u64>) -> Vec<Event> {
         let bytes = self.line.read();
         let is_open = self.line.is_open();
@@ -76,7 +76,7 @@ impl Reader {
     }
 }
 
-/// What is known of the transmitters of IQ reports.
+/// The estimators, and the state of each transmitter.
 pub(super) struct Reports {
     estimators: Estimators,
     emitters: HashMap<i32, Emitter>,
@@ -84,7 +84,7 @@ pub(super) struct Reports {
 
 impl Reports {
     pub(super) fn new(array: &RadioArray) -> Result<Self, InputError> {
-        // An extension of 160 us: what cannot be read at all is refused before the flight.
+        // An array that cannot be used is refused before the flight, with a constant tone extension of 160 us.
         let mut estimators = Estimators::new(array, 1);
         estimators.of(hci::SAMPLES_MAX - hci::REFERENCE)?;
         Ok(Self { estimators, emitters: HashMap::new() })
