@@ -1,10 +1,10 @@
-//! What direction finders send over a serial line.
+//! Readers of what direction finders send over a serial line.
 
 use foxhound_link::radio::{hci, uudf};
 
 use super::{Draw, Reached};
 
-/// Any bytes, and IQ reports and lines of angles whole and broken: whole ones behind whole ones are found, what is found is in range.
+/// Arbitrary bytes, and valid and damaged IQ reports and angle lines: valid ones after valid ones are found, and all values are in range.
 pub fn radio(case: &[u8]) -> Reached {
     let draw = &mut Draw { rest: case };
     let mut reached = Reached { configured: true, ..Reached::default() };

@@ -1,4 +1,4 @@
-//! What people's hands do: lists too long, recordings that do not come out even. Each is an error that names the key.
+//! Mistakes that users make, such as lists that are too long or incomplete groups of frames: each is an error that names the key.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -10,7 +10,7 @@ use serde_json::Value;
 const ARRAY: &str = "wavelength_m = 0.345\nsample_rate_hz = 102400.0\n";
 const SIDE: &str = "side_m = 0.138\n";
 
-/// Runs `foxhound bearing` on `count` frames and returns what it says of the refusal; nothing may be on stdout.
+/// Runs `foxhound bearing` and returns the error text; stdout must be empty.
 fn refusal(array: &str, more: &[&str]) -> String {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name).to_string_lossy().into_owned();
@@ -23,8 +23,8 @@ fn refusal(array: &str, more: &[&str]) -> String {
     text
 }
 
-/// Lists of an array file with a value too many, tables written as lists, and keys of which one rules the other out are errors that
-/// name the key.
+/// Array files with one value too many in a list, with a list instead of a table, or with two keys that exclude each other are refused by
+/// key.
 #[test]
 fn a_list_with_a_value_too_many_is_an_error_that_names_the_key() {
     for (keys, named) in [
@@ -40,7 +40,7 @@ fn a_list_with_a_value_too_many_is_an_error_that_names_the_key() {
     }
 }
 
-/// Runs a scenario; exit status, result and what is said besides.
+/// Runs a scenario; returns exit status, result and stderr.
 fn flown(scenario: &str) -> (Option<i32>, Value, String) {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("s.json");
@@ -50,7 +50,7 @@ fn flown(scenario: &str) -> (Option<i32>, Value, String) {
     (output.status.code(), serde_json::from_slice(&output.stdout).unwrap_or_default(), said)
 }
 
-/// A start inside a pillar or a wall is an error that names it, in a suite as well; a hull that only touches flies, and that is said.
+/// A start inside a pillar or a wall is an error that names it, also in a suite; a hull that only touches one flies, with a note.
 #[test]
 fn a_start_inside_of_something_is_an_error() {
     for (scenario, named) in [
@@ -77,7 +77,7 @@ fn a_start_inside_of_something_is_an_error() {
     assert!(said.contains("maps[0].pairs[1]") && said.contains("inside obstacles[0]"), "{said}");
 }
 
-/// A path may be shorter than the straight line, since it ends before the beacon; with what is left it never is.
+/// A path may be shorter than the straight line, since it ends before the beacon; path and remaining distance together are not.
 #[test]
 fn path_and_what_is_left_to_the_beacon_are_never_shorter_than_the_straight_line() {
     for (scenario, is_shorter) in [("{}", false), (r#"{"goal_tolerance": 2}"#, true)] {
@@ -88,7 +88,7 @@ fn path_and_what_is_left_to_the_beacon_are_never_shorter_than_the_straight_line(
     }
 }
 
-/// The example of the manual, a beacon below the vehicle: no bearing that is told as valid is far off, close to the beacon as well.
+/// With the manual's example, a beacon below the vehicle, no bearing that is reported as valid is far off, even close to the beacon.
 #[test]
 fn the_example_beside_an_autopilot_tells_no_wrong_bearing() {
     let _machine = share_machine();
@@ -117,7 +117,7 @@ fn messages_of_a_log_have_names() {
     assert_eq!((&printed["names"]["0"], printed["counts"]["0"].as_u64().is_some()), (&"HEARTBEAT".into(), true));
 }
 
-/// Frames that make no whole group of looks are an error, whether there is a whole group before them or not.
+/// An incomplete last group of `--looks` frames is an error.
 #[test]
 fn frames_that_make_no_group_of_looks_are_an_error() {
     for looks in ["99", "3"] {

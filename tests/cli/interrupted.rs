@@ -1,4 +1,4 @@
-//! Full disks, and the end of a program before its work is done: a result is whole or not there, and the exit status says so.
+//! Full disks and interrupted programs: a result is complete or absent, and the exit status tells which.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -21,7 +21,7 @@ fn errors(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Names in a folder, without those of folders.
+/// Names of the files in a folder.
 fn names(folder: &Path) -> Vec<String> {
     let mut names: Vec<String> =
         std::fs::read_dir(folder).unwrap().map(|entry| text(Path::new(&entry.unwrap().file_name()))).collect();
@@ -33,14 +33,14 @@ fn signal(child: &Child, name: &str) {
     assert!(Command::new("kill").args([name, &child.id().to_string()]).status().unwrap().success());
 }
 
-/// A suite of some seconds, in a folder.
+/// Writes a suite of some seconds into a folder.
 fn suite(folder: &Path) -> String {
     let maps = ["maps", "--count", "4", "--pairs", "12", "--seed", "5", "--json", "--out", &text(folder)];
     assert!(run(&maps).status.success());
     text(&folder.join("suite.json"))
 }
 
-/// Every output into a full device ends with status 2, "no space left" and its name; stdout as well, whatever the command.
+/// Every output to a full device, including stdout, ends with status 2, "no space left" and the file's name.
 #[test]
 fn whatever_is_written_to_a_full_disk_is_an_error_with_its_name() {
     if !Path::new(FULL).exists() {
@@ -71,7 +71,7 @@ fn whatever_is_written_to_a_full_disk_is_an_error_with_its_name() {
     }
 }
 
-/// On a disk that fills up no file stands under its name, half of it, and one that was there before is as it was.
+/// On a disk that fills up, no incomplete file gets its final name, and a previous file stays as it was.
 #[test]
 fn a_file_that_does_not_fit_is_not_there_and_the_one_before_it_stays() {
     let dir = tempfile::tempdir().unwrap();
@@ -90,7 +90,7 @@ fn a_file_that_does_not_fit_is_not_there_and_the_one_before_it_stays() {
     assert_eq!((std::fs::read_to_string(before).unwrap(), names(&dir.path().join("o"))), ("before".to_owned(), vec![]));
 }
 
-/// A flight that is told to end closes its files, prints what was flown, and ends with 130 or 143.
+/// A flight that receives SIGINT or SIGTERM closes its files, prints its result so far, and ends with 130 or 143.
 #[test]
 fn a_flight_that_is_told_to_end_closes_its_files_and_prints_what_was_flown() {
     for (name, code) in [("-INT", 130), ("-TERM", 143)] {
@@ -123,7 +123,7 @@ fn a_flight_that_is_told_to_end_closes_its_files_and_prints_what_was_flown() {
     }
 }
 
-/// What a suite prints and writes.
+/// The output of a suite, printed and written.
 fn results(folder: &Path, output: &Output) -> [Vec<u8>; 4] {
     let file = |name: &str| std::fs::read(folder.join(name)).unwrap();
     [output.stdout.clone(), file("flights.jsonl"), file("f.csv"), file("f.parquet")]
@@ -137,7 +137,7 @@ fn suite_command(file: &str, out: &Path, more: &[&str]) -> Command {
     command
 }
 
-/// A suite that is killed by SIGKILL at twenty random moments and resumed gives the bytes of the suite in one piece, and leaves no
+/// A suite that is killed by SIGKILL at twenty random moments and resumed gives the same bytes as an uninterrupted one, and leaves no
 /// journal behind.
 #[test]
 fn a_suite_that_is_killed_twenty_times_and_resumed_is_the_suite_in_one_piece() {
@@ -180,7 +180,7 @@ fn names_or_none(folder: &Path) -> Vec<String> {
     if folder.exists() { names(folder) } else { Vec::new() }
 }
 
-/// A suite that is told to end prints the flights that were flown, keeps them, ends with 130 or 143, and goes on with `--resume`.
+/// A suite that receives SIGINT or SIGTERM prints and keeps its finished flights, ends with 130 or 143, and continues with `--resume`.
 #[test]
 fn a_suite_that_is_told_to_end_prints_what_was_flown_and_goes_on() {
     let _machine = take_machine();
@@ -203,7 +203,7 @@ fn a_suite_that_is_told_to_end_prints_what_was_flown_and_goes_on() {
     assert!(results(&out, &last) == results(&whole_in, &whole), "other bytes");
 }
 
-/// In a folder that was named nothing is replaced without `--force`; the usual one holds the last run, which is said.
+/// In a folder given by `--out` nothing is replaced without `--force`; in the default folder the last run is replaced, with a note.
 #[test]
 fn a_result_of_before_is_replaced_only_where_that_is_said() {
     let dir = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Flights by the bearings of radios that can be bought: few a second, some of them lies, all off together at one place.
+//! Flights by bearings like those of radios on the market: few per second, some of them outliers, with a bias that depends on the place.
 
 use foxhound_sim::study::seeds;
 use foxhound_tests::run_json;

@@ -1,4 +1,4 @@
-//! `foxhound companion --bearings`: a radio that runs instead of simulated antennas.
+//! `foxhound companion --bearings`: a live radio instead of simulated antennas.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -12,7 +12,7 @@ use foxhound_tests::{run, share_machine};
 
 use crate::companion::{Bench, ended, interrupt, start};
 
-/// Sends the bearing of a beacon 8 m north by UDP, ten a second, as a radio at the vehicle would tell it, while it is wanted.
+/// Sends the bearing of a beacon 8 m north by UDP ten times a second, as a radio on the vehicle would, while `is_wanted`.
 fn radio(bench: &Bench, port: u16, is_wanted: &Arc<AtomicBool>) -> impl FnOnce() {
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     let (heard, is_wanted, ends) = (bench.shared(), Arc::clone(is_wanted), Arc::new(AtomicBool::new(false)));
@@ -48,8 +48,8 @@ fn free_port() -> u16 {
     UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
 
-/// Flown by bearings of a radio, JSON lines by UDP, the companion reaches the beacon; when the radio stops on the way it holds, says
-/// `no_signal`, and flies on when it is heard again.
+/// With bearings of a radio, JSON lines by UDP, the companion reaches the beacon; when the radio stops it holds, reports
+/// `no_signal`, and continues when bearings come again.
 #[test]
 fn bearings_of_a_radio_are_flown_by_and_its_silence_is_a_hold() {
     let _machine = share_machine();
@@ -71,7 +71,7 @@ fn bearings_of_a_radio_are_flown_by_and_its_silence_is_a_hold() {
     end();
 }
 
-/// Without `--source` nobody knows how near the beacon is: the flight ends when it is told to, with neither a distance nor an error.
+/// Without `--source` the distance to the beacon is unknown: the flight ends when it is interrupted, without a bearing error in its result.
 #[test]
 fn a_beacon_whose_place_is_not_known_is_flown_to_until_it_is_stopped() {
     let _machine = share_machine();
@@ -90,14 +90,14 @@ fn a_beacon_whose_place_is_not_known_is_flown_to_until_it_is_stopped() {
     end();
 }
 
-/// A parameter file in which no obstacle sensor is wanted.
+/// A parameter file that requires no obstacle sensor.
 fn params() -> String {
     let path = std::env::temp_dir().join(format!("foxhound-radio-{}.toml", std::process::id()));
     std::fs::write(&path, "FH_OBS_REQ = 0\n").unwrap();
     path.to_string_lossy().into_owned()
 }
 
-/// A radio that cannot be had is refused by option before the flight.
+/// A radio that cannot be opened is refused before the flight, by the name of the option.
 #[test]
 fn a_radio_that_cannot_be_had_is_refused_by_option() {
     let refused = |more: &[&str], words: &str| {

@@ -1,4 +1,4 @@
-//! Complex samples of whatever is sent: bearings from the covariance over the occupied band.
+//! Bearings of modulated signals, from the covariance over the occupied band.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 

@@ -1,4 +1,4 @@
-//! Recordings of other radios in every format that `foxhound bearing` reads, whole and damaged.
+//! Recordings of other radios in every format that `foxhound bearing` reads, valid and damaged.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -79,8 +79,8 @@ fn is_right(line: &Value) -> bool {
     line["valid"] == true && degrees_between(number(line, "azimuth_deg").to_radians(), AZIMUTH).abs() < 1.5
 }
 
-/// Whole numbers in `.npy` and WAV files of real samples or I and Q give the bearing that they hold, say what they are, and are refused by field
-/// where they do not fit the array.
+/// Integer `.npy` and WAV files of real samples or I and Q give the right bearing and a description of what was read; files that do not fit the
+/// array are refused by field.
 #[test]
 fn whole_numbers_and_wav_files_give_their_bearing() {
     let files = Files::new();
@@ -218,8 +218,8 @@ fn btsnoop(kind: u32, events: &[Vec<u8>]) -> Vec<u8> {
     file
 }
 
-/// Bluetooth IQ reports in btsnoop files and H4 bytes give bearings of each transmitter, told apart by handle; reports without usable samples make
-/// none, and wrong ones are refused by field.
+/// Bluetooth IQ reports in btsnoop files and H4 bytes give bearings of each transmitter, told apart by handle; reports without usable samples give
+/// none, and invalid ones are refused by field.
 #[test]
 fn bluetooth_iq_reports_give_bearings() {
     let files = Files::new();
@@ -290,7 +290,7 @@ fn bluetooth_iq_reports_give_bearings() {
     assert!(refused(&version, &array).contains("btsnoop datalink"));
 }
 
-/// Recordings that are cut off, or in which bytes are changed, are refused with a sentence, or still give finite lines: of every format, 3000 times.
+/// Truncated or altered recordings of every format, 3000 in all, are refused with a reason or still give finite results.
 #[test]
 fn damaged_recordings_are_refused_or_give_finite_lines() {
     let files = Files::new();
@@ -351,8 +351,8 @@ fn damaged_recordings_are_refused_or_give_finite_lines() {
     assert!(refused > 1000 && read > 200, "{refused} refused, {read} read");
 }
 
-/// `foxhound listen` makes a page of a recording that asks nobody for anything: bearings, eigenvalues, and the spectrum where there is one; and of a
-/// radio that runs.
+/// `foxhound listen` writes a page that needs no network: bearings, eigenvalues and spectrum of a recording, or bearings of a live
+/// radio.
 #[test]
 fn listen_makes_a_page_of_a_recording_and_of_a_radio() {
     let files = Files::new();

@@ -1,4 +1,4 @@
-//! QEMU ends with the program that started it, whatever ends that, and leaves nothing in the temporary folder.
+//! QEMU ends with the program that started it, however that ends, and leaves nothing in the temporary folder.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -40,7 +40,7 @@ fn flying() -> Child {
     command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
 }
 
-/// After SIGKILL, SIGTERM and SIGINT no QEMU runs any more and no folder is left; while it flies there is no folder either.
+/// After SIGKILL, SIGTERM and SIGINT of its parent no QEMU is running, and there is no folder of it, neither then nor during the flight.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn qemu_never_outlives_its_parent_and_leaves_no_folder() {
