@@ -102,7 +102,7 @@ fn a_flight_that_is_told_to_end_closes_its_files_and_prints_what_was_flown() {
         let mut command = foxhound();
         command.args(live).args(files).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().unwrap();
-        // It says where its page is before it flies.
+        // It prints the address of its page before the flight.
         let mut byte = [0];
         child.stderr.as_mut().unwrap().read_exact(&mut byte).unwrap();
         std::thread::sleep(Duration::from_millis(1500));
@@ -166,7 +166,7 @@ fn a_suite_that_is_killed_twenty_times_and_resumed_is_the_suite_in_one_piece() {
         flown.push(lines.unwrap_or(0));
     }
     assert!(flown.is_sorted() && flown[19] > flown[0], "{flown:?}");
-    // Without a word it neither goes on nor begins anew.
+    // Without an option it neither resumes nor starts again.
     let refused = suite_command(&file, &out, &[]).output().unwrap();
     assert_eq!(refused.status.code(), Some(2), "{}", errors(&refused));
     assert!(errors(&refused).contains("--resume goes on"), "{}", errors(&refused));

@@ -90,7 +90,7 @@ fn flown_with_mavsdk(software: &str) -> Transcript {
         if is_enough && !is_stopped {
             is_stopped = true;
             companion.signal("-INT");
-            // What it ends with after Ctrl-C, when the beacon was not reached.
+            // The exit code after Ctrl-C, if the beacon was not reached.
             assert_eq!(companion.wait(), 130);
             mavsdk.end_input();
         }

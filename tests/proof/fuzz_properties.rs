@@ -88,7 +88,7 @@ fn any_bytes_of_a_lidar_leave_it_sane_and_whole_frames_are_found() {
     );
 }
 
-/// Any bytes of a direction finder leave its readers sane, and its whole reports are found.
+/// With arbitrary bytes the readers of direction finders stay valid, and they find the valid reports.
 #[test]
 fn any_bytes_of_a_direction_finder_leave_it_sane_and_whole_reports_are_found() {
     let (configured, sum) = run(radio, 4000, 4000);

@@ -31,7 +31,7 @@ enum Sent {
 const MODULATED: [Sent; 4] = [Sent::FmVoice, Sent::LoRa, Sent::Ofdm, Sent::NoiseLike];
 
 impl Sent {
-    /// What it occupies.
+    /// Its occupied band.
     fn band_hz(self) -> [f64; 2] {
         match self {
             Self::Tone => [-16e3, 16e3],
@@ -49,7 +49,7 @@ impl Sent {
         (high_hz / bin_hz).floor() - (low_hz / bin_hz).ceil() + 1.0
     }
 
-    /// A frame of it, of any power.
+    /// A frame of this signal, of any power.
     fn frame(self, random: &mut Random) -> Vec<[f64; 2]> {
         let at = |phase: f64| [phase.cos(), phase.sin()];
         let start = TAU * random.uniform();
@@ -111,7 +111,7 @@ impl Sent {
     }
 }
 
-/// What arrives: from where, how strong in its band (dB over the noise there), and moved by how many hertz.
+/// An emitter: its direction, its power in the band (dB over the noise there), and its frequency shift in hertz.
 #[derive(Clone, Copy)]
 struct Arriving {
     sent: Sent,
@@ -364,7 +364,7 @@ fn six_kinds_of_reception_are_as_good_as_with_music() {
         ("line of 4", line(4, 0.45), Sent::NoiseLike, 10.0, None),
         ("ring of 5, a tone outside of the band", ring(5, 0.4), Sent::FmVoice, 10.0, Some(45.0)),
     ] {
-        // A line looks across itself.
+        // A line array is steered across its axis.
         let azimuths: Vec<f64> = (0..200)
             .map(|k| if name.starts_with("line") { 0.005 * f64::from(k) - 0.5 } else { f64::from(k) })
             .collect();

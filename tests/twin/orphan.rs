@@ -18,7 +18,7 @@ fn qemus(of: u32) -> Vec<String> {
     lines.collect()
 }
 
-/// What a program has in the temporary folder.
+/// The folders of a program in the temporary folder.
 fn folders(of: u32) -> Vec<String> {
     let names = std::fs::read_dir(std::env::temp_dir()).unwrap().flatten();
     let names = names.map(|entry| entry.file_name().to_string_lossy().into_owned());

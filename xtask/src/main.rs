@@ -246,7 +246,7 @@ fn firmware(board: &str, json: bool) -> Result<(), Failure> {
 
 /// QEMU with an image: `-icount shift=8` makes an instruction last 256 ns of the machine's time.
 fn qemu(image: &Image) -> Command {
-    // It ends with us, whatever ends us; where there is no `setpriv`, the image ends it.
+    // `setpriv` ends it with this program; without `setpriv` the image ends it.
     let mut qemu = Command::new("setpriv");
     if qemu.arg("--version").output().is_ok_and(|output| output.status.success()) {
         qemu = Command::new("setpriv");

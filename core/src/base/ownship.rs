@@ -152,7 +152,7 @@ impl Ownship {
         self.leant(cos_yaw * north + sin_yaw * east, cos_yaw * east - sin_yaw * north, down)
     }
 
-    /// Sine of the angle by which it leans over, to whatever side.
+    /// Sine of the tilt, in any direction.
     #[must_use]
     pub fn tilt_sine(&self) -> f32 {
         let [forward, right, _] = self.vector_to_body(Ned { north: 0.0, east: 0.0, down: 1.0 });

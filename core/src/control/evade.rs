@@ -43,7 +43,7 @@ const PART_M: f32 = 0.1;
 const EARLY_S: f32 = 0.1;
 /// A hit costs as much as one that is so much later, where it is at once.
 const HIT_S: f32 = 0.3;
-/// A velocity faster than the cruise costs so much more.
+/// Additional cost of a velocity faster than the cruise.
 const FAST_COST: f32 = 1.0;
 /// A margin smaller than this counts as this.
 const MARGIN_MIN_M: f32 = 0.01;
@@ -118,7 +118,7 @@ impl Config {
 pub struct Evader {
     config: Config,
     v_max_mps: f32,
-    /// Fastest it evades; no less than that.
+    /// Largest speed while evading, at least `v_max_mps`.
     fast_mps: f32,
     a_max_mps2: f32,
     tick_s: f32,
@@ -261,7 +261,7 @@ impl Evader {
                 velocity.norm() * c.horizon_s / self.v_max_mps
             };
             if velocity.norm_squared() > cruise_mps * cruise_mps {
-                // It is no way to arrive earlier.
+                // Evading fast must not pay off as a way to arrive earlier.
                 progress = FAST_COST + if progress > 0.0 { progress } else { 0.0 };
             }
             let given_up = progress + c.change_cost * velocity.minus(last).norm();
@@ -525,7 +525,7 @@ mod tests {
         let (underway, mut state, mut rng) = (vehicle_model::State::default(), State::default(), Rng::new(24, 0));
         let (mut evaded, mut faster) = (0, 0);
         for number in 0..2_000 {
-            // Last choices of a faster one are no exception.
+            // The previous choice may exceed the limit; the answer must not.
             let (evader, most_mps) = if number % 2 == 0 { (&slow, 1.5) } else { (&fast, 2.5) };
             let mut draw = |most: f32| at(6.3 * rng.uniform(), most * rng.uniform());
             let one = |center_ned_m, velocity_ned_mps| Neighbour { center_ned_m, reach_m: REACH_M, velocity_ned_mps };

@@ -135,7 +135,7 @@ pub struct Group {
 }
 
 impl Group {
-    /// Covariance of the antennas over the packets that were clean.
+    /// Covariance of the antennas over the usable packets.
     #[must_use]
     pub fn covariance(&self) -> &Covariance {
         &self.covariance
@@ -162,7 +162,7 @@ impl Estimator {
         self.take_with(emitter, group, &[], samples);
     }
 
-    /// Counts a packet that holds nothing to be used.
+    /// Counts an unusable packet.
     pub fn miss(&self, group: &mut Group) {
         group.packets += 1;
     }

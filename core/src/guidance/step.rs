@@ -234,7 +234,7 @@ fn progress<const N: usize>(state: &State<N>, demand: Option<Demand>, action: gu
     }
 }
 
-/// So many times the tilt a wave's horizontal part must be for its azimuth to be told to others.
+/// Smallest ratio of a wave's horizontal part to the sine of the tilt for its azimuth to be reported.
 const TILTS: f32 = 3.0;
 
 /// Whether a wave comes from so nearly above or below that the vehicle's tilt decides on which side it is heard: whether it

@@ -18,7 +18,7 @@ use crate::scenario::output::Output;
 pub struct Writer {
     file: Output,
     framers: [Framer; 2],
-    /// The first thing that went wrong; nothing is written after it.
+    /// The first error; nothing is written after it.
     failed: Option<InputError>,
 }
 
@@ -89,7 +89,7 @@ pub struct Summary {
     pub mavlink_1: u64,
     /// Frames per message id.
     pub counts: BTreeMap<u32, u64>,
-    /// Names of these ids, where they have one.
+    /// Names of these message ids, if they have one.
     pub names: BTreeMap<u32, &'static str>,
 }
 
@@ -101,7 +101,7 @@ const fn is_zero(count: &u64) -> bool {
 /// Number and name of every message of MAVLink's ArduPilot dialect, as of pymavlink 2.4.50.
 const NAMES: &str = include_str!("messages.txt");
 
-/// The name of a message; none where the dialect has no message of that number.
+/// The name of a message; `None` if the dialect has no message of this number.
 #[must_use]
 pub fn name(message_id: u32) -> Option<&'static str> {
     NAMES.lines().find_map(|line| {

@@ -154,7 +154,7 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
         cli.note(&format!("note: read {}", packets.taken()));
         let (lines, left) = switched::find(&packets, &array, looks)?;
         let count = packets.count();
-        // Who sends when is not the user's choice: what is left of each transmitter's packets is no error.
+        // The user does not choose who sends when: an incomplete group of a transmitter is not an error.
         if args.emitter.is_none() || lines.is_empty() {
             refuse_left(left, count, "packets", looks)?;
         } else if left != 0 {
@@ -190,7 +190,7 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
     print(cli, &lines, |line| line)
 }
 
-/// Nothing of a recording is left out.
+/// No sample of a recording is left out.
 fn refuse_left(left: usize, count: usize, what: &str, looks: usize) -> Result<(), InputError> {
     if left == 0 {
         return Ok(());

@@ -277,7 +277,7 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
             -overlap_m
         ));
     }
-    // A file that cannot be written costs neither the others nor the result that is printed.
+    // If a file cannot be written, the others and the printed result are still complete.
     let mut written = Written { cli, has_failed: false };
     if let Some(log) = log {
         written.file(None, log.finish().map_err(|error| InputError::new(format!("--tlog {error}"))));
@@ -291,7 +291,7 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     let mut reported = args.report.as_deref();
     if let Some(watched) = &mut watched {
         let note = reported.and_then(|path| named("report", path));
-        // Browsers get the end as well where no file is asked for.
+        // Browsers get the end even if no file was requested.
         let is_there = written.file(note, watched.end(&record.report));
         reported = reported.filter(|_| is_there);
     }
@@ -321,7 +321,7 @@ pub(super) struct Written<'a> {
 }
 
 impl Written<'_> {
-    /// Says that a file is there, or why it is not; whether it is.
+    /// Reports that a file is written, or why it is not; returns whether it is.
     pub(super) fn file(&mut self, note: Option<String>, written: Result<(), InputError>) -> bool {
         let is_there = written.is_ok();
         match (written, note) {

@@ -51,7 +51,7 @@ pub(super) struct ListenCommand {
     out: PathBuf,
 }
 
-/// What is printed.
+/// The printed result.
 #[derive(Serialize)]
 struct Summary<'a> {
     taken: &'a str,

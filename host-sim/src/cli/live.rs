@@ -112,7 +112,7 @@ impl Pace {
     /// Waits until real time has reached `time_s`, or for the signal to stop.
     pub(super) fn wait(&self, time_s: f64, stop: &AtomicBool) {
         let due = Duration::from_secs_f64(time_s / self.speed);
-        // A step of a slow flight is long.
+        // A flight in real time may have a long step.
         while !stop.load(Ordering::Relaxed) && self.since.elapsed() < due {
             sleep(due.saturating_sub(self.since.elapsed()).min(Duration::from_millis(50)));
         }

@@ -139,7 +139,7 @@ impl MapsReport {
 }
 
 pub(super) fn draw_maps(cli: &Cli, args: &MapsCommand) -> Result<ExitCode, InputError> {
-    // What is described has its file already.
+    // A described suite has its file already.
     let folder = cli.out.clone().or_else(|| (!cli.json && args.describe.is_none()).then(|| PathBuf::from("out")));
     if let Some(folder) = &folder {
         cli.claim(&folder.join("maps.svg"))?;

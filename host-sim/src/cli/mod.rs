@@ -74,7 +74,7 @@ struct Cli {
     /// Folder for output files [default: out; with --json nothing is written unless requested].
     #[arg(long, global = true, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Replaces results that are in the folder of --out already.
+    /// Replaces existing results in the folder of --out.
     #[arg(long, global = true)]
     force: bool,
 }
@@ -108,7 +108,7 @@ enum Command {
     Bearing(BearingCommand),
     /// Measures the channels with a known source and writes them into the array file.
     Calibrate(CalibrateCommand),
-    /// Shows what a recording, or a radio that runs, tells: bearings, spectrum, eigenvalues, as a page.
+    /// Writes a page with bearings, spectrum and eigenvalues of a recording, or bearings of a live radio.
     Listen(listen::ListenCommand),
     /// Counts the MAVLink frames of a telemetry log.
     Tlog(TlogCommand),
@@ -234,8 +234,8 @@ fn write_text(path: &Path, text: &str) -> Result<(), InputError> {
 }
 
 impl Cli {
-    /// Makes sure that no result of before is lost: in a folder that was named, one that is there is replaced only with --force.
-    /// The usual folder, `out`, is for the last run, so that a command can be repeated; what is replaced there is said.
+    /// Protects previous results: in a folder given by `--out` they are replaced only with `--force`.
+    /// The default folder, `out`, holds the last run, so that a command can be repeated; what is replaced there is reported.
     fn claim(&self, path: &Path) -> Result<(), InputError> {
         if path.symlink_metadata().is_ok() && !self.force {
             if self.out.is_some() {

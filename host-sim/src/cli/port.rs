@@ -97,7 +97,7 @@ impl Cable {
     fn open(args: &PortCommand) -> Result<Self, InputError> {
         let address = Address::Serial { device: args.serial.clone(), baud: args.baud };
         let line = Line::open(&address).map_err(|error| failed(&error).in_file(&args.serial))?;
-        // Written as it comes, record for record: what is there when it is ended is a log.
+        // Written record by record: when it is interrupted, the file is a valid log.
         let begun = |path: &PathBuf| {
             File::create(path).map(|file| (path.clone(), file)).map_err(|error| output::failed(path, &error))
         };

@@ -76,7 +76,7 @@ pub(super) struct SuiteCommand {
         allow_negative_numbers = true
     )]
     only: Vec<u32>,
-    /// Goes on where the same suite with the same options was ended, in the same folder of --out.
+    /// Resumes the same suite with the same options where it was interrupted, in the same folder of --out.
     #[arg(long)]
     resume: bool,
     /// Only the first so many pairs of each map.
@@ -247,7 +247,7 @@ pub(super) fn fly_suite(cli: &Cli, args: &SuiteCommand) -> Result<ExitCode, Inpu
     Ok(code)
 }
 
-/// The journal of the flights, where one is kept.
+/// The journal of the flights, if one is kept.
 fn journal_of(cli: &Cli, args: &SuiteCommand, header: &shard::Header) -> Result<Option<Journal>, InputError> {
     let is_asked = cli.out.is_some() || args.resume || args.shard.is_some();
     if cli.json && !is_asked {
@@ -258,7 +258,7 @@ fn journal_of(cli: &Cli, args: &SuiteCommand, header: &shard::Header) -> Result<
         cli.note(&format!("note: {}: {error}: what is flown is not kept if this is ended", folder.display()));
         return Ok(None);
     }
-    // A shard is the same every time: who hands it out again need not know that it was begun.
+    // A shard is the same every time, so one that was begun elsewhere may be handed out again.
     let before = match (args.resume || args.shard.is_some(), cli.force) {
         (true, _) => Before::Resume,
         (false, true) => Before::Discard,
@@ -275,9 +275,9 @@ fn journal_of(cli: &Cli, args: &SuiteCommand, header: &shard::Header) -> Result<
     Ok(Some(journal))
 }
 
-/// Makes sure before the flights that their results can be written.
+/// Checks before the flights that their results can be written.
 fn claim_results(cli: &Cli, args: &SuiteCommand, flights: &[Flight]) -> Result<(), InputError> {
-    // What is resumed may have been ended while it wrote these; a shard is the same every time.
+    // A resumed suite may have been interrupted while it wrote these; a shard is the same every time.
     let Some(folder) = cli.out.as_ref().filter(|_| !args.resume && args.shard.is_none()) else { return Ok(()) };
     cli.claim(&folder.join("flights.jsonl"))?;
     match flights {
@@ -291,7 +291,7 @@ fn path_of(folder: &Path, flight: &Flight, ending: &str) -> PathBuf {
     folder.join(format!("flight-{row}-{instance}-{pair}.{ending}"))
 }
 
-/// Writes all files that were asked for.
+/// Writes all requested files.
 fn write_results(
     cli: &Cli,
     args: &SuiteCommand,

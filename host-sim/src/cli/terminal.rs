@@ -28,10 +28,10 @@ pub(super) const BAD: Style = AnsiColor::Red.on_default().bold();
 /// Time between two updates of a progress line.
 const TICK: Duration = Duration::from_millis(120);
 
-/// The first thing that went wrong with stdout.
+/// The first error of stdout.
 static BROKEN: Mutex<Option<String>> = Mutex::new(None);
 
-/// Remembers that stdout takes no more; a reader that has gone away is not our error.
+/// Remembers an error of stdout; a reader that has closed the pipe is not one.
 fn notice(written: io::Result<()>) {
     if let Err(error) = written
         && error.kind() != io::ErrorKind::BrokenPipe
@@ -40,7 +40,7 @@ fn notice(written: io::Result<()>) {
     }
 }
 
-/// What is wrong with stdout, when all has been said.
+/// The error of stdout at the end of the program, if any.
 pub(super) fn unsaid() -> Option<InputError> {
     notice(io::stdout().lock().flush());
     let broken = BROKEN.lock().unwrap_or_else(PoisonError::into_inner).take();
@@ -82,13 +82,13 @@ pub(super) fn warn(text: &str) {
     let _ = writeln!(anstream::stderr(), "{label}{rest}");
 }
 
-/// The signals by which a program is told to end.
+/// The signals that end a program.
 const SIGNALS: [i32; 3] = [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP];
 
-/// The signal that came, or 0.
+/// The received signal, or 0.
 static CAME: OnceLock<Arc<AtomicUsize>> = OnceLock::new();
 
-/// A file that grows beyond what is allowed is an error of writing, as a full disk is, and not the end of the program.
+/// Makes a file that exceeds the size limit a write error, like a full disk, instead of the end of the program.
 pub(super) fn survive_limits() -> io::Result<()> {
     signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::new(AtomicBool::new(false))).map(drop)
 }
@@ -99,7 +99,7 @@ pub(super) fn stop_flag() -> Result<Arc<AtomicBool>, InputError> {
     let flag = Arc::new(AtomicBool::new(false));
     let came = CAME.get_or_init(Arc::default);
     for signal in SIGNALS {
-        // In this order: the second time it ends at once.
+        // In this order, so that a second signal ends the program at once.
         register_conditional_shutdown(signal, 128 + signal, Arc::clone(&flag))
             .and_then(|_| register_usize(signal, Arc::clone(came), signal.unsigned_abs() as usize))
             .and_then(|_| register(signal, Arc::clone(&flag)))
@@ -108,7 +108,7 @@ pub(super) fn stop_flag() -> Result<Arc<AtomicBool>, InputError> {
     Ok(flag)
 }
 
-/// The exit status of a program that was told to end before it was done, as shells have it: 130 after Ctrl-C, 143 after SIGTERM.
+/// The exit status of an interrupted program: 130 after Ctrl-C, 143 after SIGTERM.
 pub(super) fn interrupted() -> ExitCode {
     let signal = CAME.get().map_or(0, |came| came.load(Ordering::Relaxed));
     ExitCode::from(u8::try_from(128 + signal).unwrap_or(1))

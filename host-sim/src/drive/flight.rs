@@ -55,7 +55,7 @@ const EXPLORE_MARGIN_M: f64 = 0.05;
 /// Sigma of a bearing that is known exactly, so that no weight is infinite.
 const SIGMA_FLOOR_RAD: f64 = 1e-3;
 
-/// Bearings of a slow radio may be so many periods old.
+/// Largest age of a bearing of a slow radio, in its periods.
 const RATE_PATIENCE: f32 = 3.5;
 
 /// A flight to be flown.
@@ -86,7 +86,7 @@ impl Mission {
             config.phase.tone_hz = Some(Antennas::default().tone_hz as f32);
         }
         if let Some(rate_hz) = scenario.bearing.rate_hz {
-            // As a pilot with such a radio sets FH_BRG_AGE: two bearings may fail to come.
+            // As a pilot with such a radio sets FH_BRG_AGE: two bearings in a row may be missing.
             config.mission.bearing_age_max_s = config.mission.bearing_age_max_s.max(RATE_PATIENCE / rate_hz as f32);
         }
         let moves = scenario.goal_velocity.iter().any(|speed| *speed != 0.0);
@@ -139,7 +139,7 @@ impl Mission {
 /// Flies a mission with a computer; `watch` is called with the time as it passes.
 ///
 /// # Errors
-/// The computer fails. What becomes of the log, its [`finish`](tlog::Writer::finish) says.
+/// The computer fails. Errors of the log are returned by its [`finish`](tlog::Writer::finish).
 pub fn fly(
     mission: &Mission,
     computer: &mut dyn Computer,
@@ -152,7 +152,7 @@ pub fn fly(
 /// The same; `watch` gets every step.
 ///
 /// # Errors
-/// The computer fails. What becomes of the log, its [`finish`](tlog::Writer::finish) says.
+/// The computer fails. Errors of the log are returned by its [`finish`](tlog::Writer::finish).
 pub fn fly_watched(
     mission: &Mission,
     computer: &mut dyn Computer,
@@ -165,7 +165,7 @@ pub fn fly_watched(
 /// The same, until `stop` is set: then the flight ends as [`Ending::Interrupted`].
 ///
 /// # Errors
-/// The computer fails. What becomes of the log, its [`finish`](tlog::Writer::finish) says.
+/// The computer fails. Errors of the log are returned by its [`finish`](tlog::Writer::finish).
 pub fn fly_until(
     mission: &Mission,
     computer: &mut dyn Computer,
@@ -223,7 +223,7 @@ pub fn fly_until(
             let heard = receiver.receive(&rig.world, &motion.pose, now, time_s);
             let report = computer.step(now, heard.front_end(), sensed.circles.as_deref(), &sensed.rx)?;
             if let Some(log) = log.as_deref_mut() {
-                // Its end says what went wrong; the flight goes on without it.
+                // `finish` reports what went wrong; the flight continues without the log.
                 let _ = log.bytes(now_us, tlog::Direction::ToCompanion, &sensed.rx);
                 let _ = log.bytes(now_us, tlog::Direction::ToAutopilot, &report.tx);
             }

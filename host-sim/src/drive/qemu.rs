@@ -200,7 +200,7 @@ impl QemuComputer {
             port,
         };
         computer.await_boot()?;
-        // QEMU has opened everything in it.
+        // QEMU has opened all its files.
         drop(folder);
         computer.set_up(setup)?;
         Ok(computer)

@@ -437,7 +437,7 @@ pub fn fly_all(
 }
 
 /// The same with flights that have numbers, until `stop` is set: flights that were not finished then are none. An error of
-/// `watch` ends it as well.
+/// The flight also ends when `watch` fails.
 ///
 /// # Errors
 /// The configuration is refused, a computer fails, or `watch` does.

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`report`] | one interactive HTML page, or a live page |
 //! | [`mcap`] | MCAP files |
-//! | [`listening`] | what a recording or a radio tells, as a page |
+//! | [`listening`] | the page of `foxhound listen` |
 //! | [`maps`] | the picture of a suite's maps |
 //! | [`plot`] | the picture of a flight |
 //! | [`table`] | the flights of a suite, as CSV and Parquet |

@@ -98,7 +98,7 @@ pub fn csv(flown: &[Flown]) -> String {
 /// The table as a Parquet file.
 ///
 /// # Errors
-/// None that a table of these columns can have.
+/// A value that a table with these columns cannot have.
 pub fn parquet(flown: &[Flown]) -> Result<Vec<u8>, ParquetError> {
     let fields: Result<Vec<_>, ParquetError> = COLUMNS.iter().map(|column| field(column).map(Arc::new)).collect();
     let schema = Type::group_type_builder("flights").with_fields(fields?).build()?;

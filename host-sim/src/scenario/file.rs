@@ -325,7 +325,7 @@ impl Scenario {
         Ok(self)
     }
 
-    /// Nothing flies that begins inside of something. A hull that only touches may part from it.
+    /// Refuses a start inside an obstacle. A hull that only touches one may start, and fly away from it.
     fn refuse_start_inside(&self) -> Result<(), InputError> {
         let [x, y] = self.start;
         let pillars = self.obstacles.iter().enumerate().map(|(index, obstacle)| {

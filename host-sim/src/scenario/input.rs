@@ -95,7 +95,7 @@ where
     }
 }
 
-/// A list of so many values: TOML's reader would drop what a longer one has more.
+/// A list of exactly `N` values: TOML's reader would drop surplus values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exactly<T, const N: usize>(pub [T; N]);
 
@@ -112,9 +112,9 @@ impl<'de, T: Deserialize<'de>, const N: usize> Deserialize<'de> for Exactly<T, N
 /// name stands for every element.
 ///
 /// # Errors
-/// The path of the first that is none.
+/// The path of the first one that is not a table.
 pub fn refuse_lists_for_tables(text: &str, paths: &[&str]) -> Result<(), InputError> {
-    // What is no TOML at all is refused by whoever reads it, with its place.
+    // Text that is not TOML is refused by the reader, with its position.
     let Ok(document) = text.parse::<toml::Table>() else { return Ok(()) };
     for path in paths {
         let mut places = vec![(String::new(), toml::Value::Table(document.clone()))];

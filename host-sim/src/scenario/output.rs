@@ -111,7 +111,7 @@ impl Drop for Output {
     }
 }
 
-/// Writes a whole file.
+/// Writes a file.
 ///
 /// # Errors
 /// Names the file; the previous one stays.

@@ -89,21 +89,21 @@ pub trait Study: Serialize + Sized {
         Vec::new()
     }
 
-    /// Figure by figure of its source, whether it comes out here.
+    /// Verdict for each figure of its paper.
     fn judgements(&self) -> Vec<Judgement> {
         Vec::new()
     }
 }
 
-/// What becomes of a published figure here.
+/// Verdict on a published figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// The published method gives the published result here.
     Reproduced,
-    /// It does not, and Foxhound's result is at least as good as the published one.
+    /// The published result does not come out here, and Foxhound's is at least as good.
     Better,
-    /// It does not.
+    /// The published result does not come out here.
     NotReproduced,
 }
 
@@ -129,16 +129,16 @@ impl Verdict {
     }
 }
 
-/// A figure or a table of a paper, and what became of it here.
+/// A figure or a table of a paper, and its verdict.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Judgement {
     /// The experiment.
     pub experiment: String,
-    /// Of which paper, and which figure.
+    /// The paper, and the figure.
     pub figure: String,
-    /// What became of it.
+    /// Its verdict.
     pub verdict: Verdict,
-    /// Why, in a sentence.
+    /// The reason, in a sentence.
     pub why: String,
 }
 

@@ -32,7 +32,7 @@ mod kinematic;
 mod potential;
 mod settings;
 
-/// The papers by the names that the experiments call them, as they are cited. No address is a link: the page asks nobody.
+/// The citation of each paper. No address is a link: the page needs no network.
 pub const PAPERS: [(&str, &str); 4] = [
     (
         "main paper",

@@ -45,7 +45,7 @@ pub struct Options {
 pub struct Line {
     /// Index of the (last) frame.
     pub frame: usize,
-    /// Whether it may be used.
+    /// Whether it is valid.
     pub valid: bool,
     /// Azimuth from the nose, clockwise positive.
     #[serde(serialize_with = "finite")]

@@ -138,7 +138,7 @@ pub fn read_yaw(path: &Path, frames: usize) -> Result<Vec<f64>, InputError> {
     parse().map_err(|error: InputError| error.in_file(path))
 }
 
-/// The type of a `.npy` file's values, as NumPy writes it; none where it is no such file.
+/// The type of a `.npy` file's values, as NumPy writes it; `None` if it is not such a file.
 pub(super) fn npy_type(bytes: &[u8]) -> Option<String> {
     refuse_absurd_shape(bytes).ok()?;
     let header = npyz::NpyHeader::from_reader(&mut Cursor::new(bytes)).ok()?;

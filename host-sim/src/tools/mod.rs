@@ -8,8 +8,8 @@
 //! | [`switched`] | `foxhound bearing --switched` |
 //! | [`iq`] | `foxhound bearing --iq` |
 //! | [`sigmf`], `wav`, `hci` | read SigMF and WAV recordings, and Bluetooth IQ reports |
-//! | [`listen`] | what a recording sounds like: `foxhound listen` |
-//! | [`live`] | bearings of a radio that runs: `foxhound companion --bearings` |
+//! | [`listen`] | bearings, spectrum and eigenvalues of a recording: `foxhound listen` |
+//! | [`live`] | bearings of a live radio: `foxhound companion --bearings` |
 //! | [`calibrate`] | `foxhound calibrate` |
 
 pub mod bearings;

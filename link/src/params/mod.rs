@@ -44,7 +44,7 @@ const PERIOD_US: u64 = 50_000;
 const SETS: usize = 4;
 /// Bytes of a set of parameters.
 const MARKS: usize = size_of::<u128>();
-/// The last of them.
+/// The last one.
 const LAST: u8 = (COUNT - 1) as u8;
 
 /// What a station wants done with the stored parameters.
@@ -81,7 +81,7 @@ struct Errand {
 /// A set of parameters that are taken one after the other, in a ring, so that none is always last.
 #[derive(Clone, Copy, Debug)]
 struct Marks {
-    /// One bit for each, the lowest first: as bytes, since a `u128` in its place would be padded.
+    /// One bit for each, the lowest first; bytes, since a `u128` would be padded.
     marked: [u8; MARKS],
     /// The one that was taken last.
     last: u8,

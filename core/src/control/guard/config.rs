@@ -10,7 +10,7 @@ use crate::mapping::coverage;
 pub struct Config {
     /// Largest horizontal speed.
     pub v_max_mps: f32,
-    /// Largest horizontal speed of demands of the evader, where that is more.
+    /// Largest horizontal speed of the evader's demands, if it is above `v_max_mps`.
     pub evade_max_mps: f32,
     /// Largest vertical speed.
     pub v_down_max_mps: f32,

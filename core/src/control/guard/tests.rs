@@ -47,7 +47,7 @@ fn what_evades_may_be_faster_and_nothing_else() {
             guard.step(&mut state, &demand(5.0, 0.0), &input, &[], DT);
         }
         assert!((state.command_ned_mps().norm() - most_mps).abs() < 0.01, "{is_evading}: {state:?}");
-        // As it ends the vehicle comes back to the cruise as fast as it may.
+        // When evading ends, the vehicle slows to the cruise as fast as it may.
         for _ in 0..30 {
             guard.step(&mut state, &demand(5.0, 0.0), &GuardInput::default(), &[], DT);
         }

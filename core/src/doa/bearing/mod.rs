@@ -184,7 +184,7 @@ pub struct Quality {
 pub struct Bearing {
     /// The middle of the block that it was measured in.
     pub time: Instant,
-    /// Whether it may be used.
+    /// Whether it is valid.
     pub valid: bool,
     /// Azimuth from the nose, clockwise positive, (-pi, pi].
     pub azimuth_rad: f32,
@@ -222,7 +222,7 @@ impl Bearing {
 pub struct Direction {
     /// Azimuth from the nose, clockwise positive; `None` without one.
     pub azimuth_rad: Option<f32>,
-    /// Whether it may be used.
+    /// Whether it is valid.
     pub is_usable: bool,
 }
 

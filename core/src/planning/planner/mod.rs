@@ -243,7 +243,7 @@ pub struct PlanRequest {
     pub sightings: Vec<Sighting, SIGHTINGS_MAX>,
     /// How far gusts push the vehicle: its distance to standing obstacles is increased by this.
     pub gust_margin_m: f32,
-    /// Whether anybody who moves is near.
+    /// Whether a moving body is tracked.
     pub among_moving: bool,
     /// The position of the source, if it is known.
     pub known_source_ned_m: Option<Horizontal>,

@@ -1,4 +1,4 @@
-//! Obstacles of a file, which a simulated sensor sees.
+//! Obstacles from a file, for a simulated sensor.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

@@ -18,7 +18,7 @@ pub(super) struct Receiver<'a> {
     mission: &'a Mission,
     antennas: Antennas,
     random: Random,
-    /// When the next bearing of a slow radio comes.
+    /// Time of the next bearing of a slow radio.
     due_s: f64,
 }
 
@@ -95,7 +95,7 @@ impl<'a> Receiver<'a> {
             BearingModel::Noise => {
                 let sigma_rad = settings.sigma_deg.to_radians();
                 let azimuth_rad = bearing_ned_rad - vehicle.yaw_rad + sigma_rad * self.random.gaussian();
-                // A radio that was tried at many places knows how far off it is at one.
+                // The sigma includes the bias, as found by a calibration at many places.
                 let told_rad = libm::hypot(sigma_rad, settings.place_bias_deg.to_radians());
                 Reception::Bearing(bearing_of(now, wrap_pi(azimuth_rad), told_rad.max(SIGMA_FLOOR_RAD)))
             }
@@ -153,7 +153,7 @@ impl Receiver<'_> {
     }
 }
 
-/// A standard normal number that belongs to a place.
+/// A standard normal number that is fixed for each place.
 fn place_bias(seed: u64, at: Horizontal) -> f64 {
     let cell = |metres: f64| (metres / PLACE_M).floor() as i64 as u64;
     let number = cell(at.north).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ cell(at.east).wrapping_mul(0xc2b2_ae3d_27d4_eb4f);

@@ -27,7 +27,7 @@ pub enum Ending {
     Collision,
     /// Not ended by the time limit.
     Timeout,
-    /// Still under way when the program was told to end.
+    /// Not finished when the program was interrupted.
     Interrupted,
 }
 

@@ -10,9 +10,9 @@ use std::time::Duration;
 use rustix::io::Errno;
 use rustix::process::{Pid, test_kill_process};
 
-/// How a folder of ours begins, before our process and a number.
+/// Prefix of a folder's name, before the process number and a counter.
 const PREFIX: &str = "foxhound-qemu-";
-/// A folder that old was left behind by a program that was killed while it started QEMU, if that program is gone.
+/// A folder older than this whose program has ended was left behind.
 const STALE: Duration = Duration::from_secs(60);
 
 /// A temporary folder for sockets, the shared memory and output; removed with everything in it as soon as QEMU has
@@ -39,13 +39,13 @@ impl Folder {
         self.0.join(name)
     }
 
-    /// A new file in it, which can be read when it has no name any more.
+    /// Creates a file in it that stays readable after its name is removed.
     pub(super) fn create_file(&self, name: &str) -> io::Result<File> {
         File::options().read(true).write(true).create_new(true).open(self.file(name))
     }
 }
 
-/// What QEMU prints.
+/// The output of QEMU.
 #[derive(Debug)]
 pub(super) struct Console {
     stdout: File,
@@ -66,7 +66,7 @@ impl Console {
     pub(super) fn text(&self) -> String {
         let text = |file: &File| {
             let mut bytes = vec![0; file.metadata().map_or(0, |about| about.len() as usize)];
-            // QEMU writes on where its handle is, which is ours: reading must not move it.
+            // QEMU shares this handle and writes at its position, so reading must not move it.
             let read = file.read_exact_at(&mut bytes, 0);
             read.map_or_else(|_| String::new(), |()| String::from_utf8_lossy(&bytes).trim().to_owned())
         };
@@ -75,7 +75,7 @@ impl Console {
     }
 }
 
-/// Removes what programs have left that were killed while they started QEMU.
+/// Removes the folders of programs that were killed while they started QEMU.
 fn sweep() {
     let Ok(entries) = std::fs::read_dir(std::env::temp_dir()) else { return };
     for entry in entries.flatten() {

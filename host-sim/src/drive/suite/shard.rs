@@ -48,7 +48,7 @@ impl fmt::Display for Shard {
 }
 
 impl Shard {
-    /// All of it.
+    /// The whole suite.
     #[must_use]
     pub const fn whole() -> Self {
         Self { number: 1, of: 1 }

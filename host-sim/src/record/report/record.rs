@@ -139,7 +139,7 @@ pub struct Step {
 /// A bearing.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Bearing {
-    /// Whether it may be used.
+    /// Whether it is valid.
     pub valid: bool,
     /// Its direction; `None` without a valid attitude.
     #[serde(skip_serializing_if = "Option::is_none")]

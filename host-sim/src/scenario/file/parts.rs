@@ -169,7 +169,7 @@ pub struct Outlier {
     /// Their error.
     #[schemars(range(min = -360.0, max = 360.0))]
     pub offset_deg: f64,
-    /// They come from any direction instead.
+    /// Outliers come from any direction instead.
     pub anywhere: bool,
 }
 
@@ -203,7 +203,7 @@ pub struct Limits {
     /// Speed, m/s.
     #[schemars(range(min = 0.05, max = 20.0))]
     pub v_max: f64,
-    /// Speed while giving way to what moves, m/s, where that is above `v_max`.
+    /// Largest speed while evading moving obstacles, m/s, if it is above `v_max`.
     #[schemars(range(min = 0.0, max = 20.0))]
     pub v_evade: f64,
     /// Acceleration, m/s^2.

@@ -11,7 +11,7 @@ pub(super) fn judged<S: Study>(figure: &str, verdict: Verdict, why: String) -> J
     Judgement { experiment: S::NAME.to_owned(), figure: figure.to_owned(), verdict, why }
 }
 
-/// A number, or that there is none.
+/// A number, or a dash if there is none.
 pub(super) fn shown(number: f64, decimals: usize) -> String {
     if number.is_finite() { format!("{number:.decimals$}") } else { "no number".to_owned() }
 }

@@ -18,7 +18,7 @@ pub struct Outcome {
     pub table: String,
     /// What was published, and what was measured here.
     pub beside: Vec<Beside>,
-    /// Figure by figure, whether it comes out here.
+    /// Verdict for each figure.
     pub judgements: Vec<Judgement>,
     /// The pictures that were drawn.
     pub pictures: Vec<PathBuf>,

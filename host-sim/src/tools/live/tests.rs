@@ -1,4 +1,4 @@
-//! Each source with a server that is made here, whole, damaged and gone.
+//! Each source with a simulated server: valid data, damaged data, and a lost connection.
 
 use std::f64::consts::TAU;
 use std::io::{Read as _, Write as _};
@@ -17,7 +17,7 @@ fn options() -> Options {
     Options { array: None, emitter: None, mount_rad: 0.0, sigma_rad: 0.14, age_max: Duration::from_millis(500) }
 }
 
-/// Polls until something is true, three seconds at most.
+/// Polls until a condition holds, for at most three seconds.
 fn until(live: &mut Live, mut is_so: impl FnMut(&State, Option<Bearing>) -> bool) {
     let begin = Instant::now();
     while begin.elapsed() < Duration::from_secs(6) {

@@ -85,7 +85,7 @@ pub struct Summary {
     pub experiments: Vec<Shown>,
     /// What was published, beside ours.
     pub beside: Vec<Beside>,
-    /// Figure by figure, whether it comes out here.
+    /// Verdict for each figure.
     pub judgements: Vec<Judgement>,
 }
 

@@ -109,7 +109,7 @@ fn comparison(html: &mut String, lines: &[&Beside], names: bool) {
     html.push_str("</tbody></table></div>\n");
 }
 
-/// Figure by figure, whether it comes out here.
+/// Verdict for each figure.
 fn verdicts(html: &mut String, judgements: &[&Judgement]) {
     html.push_str(
         "<section id=\"verdicts\">\n<h2>Figure by figure</h2>\n<p>Reproduced: the published method gives the published result \

@@ -22,7 +22,7 @@ use crate::study::{Beside, Judgement, Study, Verdict, Watch};
 /// Runs of the leg.
 const LEG_RUNS: u32 = 500;
 
-/// All of it.
+/// The whole report.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
     /// Filters.

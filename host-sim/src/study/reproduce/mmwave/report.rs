@@ -378,7 +378,7 @@ impl Study for Report {
             shown(length(estimate), 2)
         );
         let is_better = rate(belief) >= 100.0 * with[0] && length(belief) <= with[1];
-        // The paper's point is that minimising shortens the path.
+        // The paper claims that minimising shortens the path.
         let is_shorter = length(belief) < length(estimate);
         let verdict = Verdict::of(is_shorter && is_near(switch, without) && is_near(belief, with), is_better);
         let flats = "The paper's flats are not at hand: flats are drawn here";
