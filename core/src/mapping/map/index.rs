@@ -6,6 +6,8 @@
 //! every [`BINS`] bins, and keep the old bins of a circle that moved. So the result can contain circles that are not
 //! near and must be checked, but it never misses a near one.
 
+use core::ops::Range;
+
 use super::{CIRCLES_MAX, Known};
 use crate::base::ned::Horizontal;
 
@@ -18,31 +20,53 @@ const WORDS: usize = CIRCLES_MAX / 32;
 const BLOCK: usize = 16;
 const BLOCKS: usize = CIRCLES_MAX / BLOCK;
 
-/// A set of places in the store, one bit per place. Iterates over them in ascending order.
+/// A set of places in the store, one bit per place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Places([u32; WORDS]);
 
-impl Iterator for Places {
+/// The places of a set, in ascending order.
+pub(super) struct Ascending {
+    left: [u32; WORDS],
+    word: usize,
+}
+
+impl Iterator for Ascending {
     type Item = usize;
 
     fn next(&mut self) -> Option<usize> {
-        for (word, bits) in self.0.iter_mut().enumerate() {
+        while let Some(bits) = self.left.get_mut(self.word) {
             if *bits != 0 {
                 let bit = bits.trailing_zeros();
                 *bits &= *bits - 1;
-                return Some(32 * word + bit as usize);
+                return Some(32 * self.word + bit as usize);
             }
+            self.word += 1;
         }
         None
+    }
+}
+
+impl IntoIterator for Places {
+    type Item = usize;
+    type IntoIter = Ascending;
+
+    fn into_iter(self) -> Ascending {
+        Ascending { left: self.0, word: 0 }
     }
 }
 
 impl Places {
     const NONE: Self = Self([0; WORDS]);
 
-    fn set(&mut self, at: usize) {
+    fn insert(&mut self, at: usize) {
         if let Some(word) = self.0.get_mut(at / 32) {
             *word |= 1 << (at % 32);
+        }
+    }
+
+    fn remove(&mut self, at: usize) {
+        if let Some(word) = self.0.get_mut(at / 32) {
+            *word &= !(1 << (at % 32));
         }
     }
 }
@@ -102,7 +126,7 @@ impl Index {
         let away = known.center_ned_m.minus(self.origin_ned_m);
         for (scale, middle_m) in [(&mut self.north, away.north), (&mut self.east, away.east)] {
             for bin in bins(middle_m, known.radius_m) {
-                scale[bin].set(at);
+                scale[bin % BINS].insert(at);
             }
         }
         away.norm_squared().to_bits()
@@ -125,34 +149,35 @@ impl Index {
 
     /// Marks a circle as to be forgotten.
     pub(super) fn doom(&mut self, at: usize) {
-        self.doomed.set(at);
+        self.doomed.insert(at);
     }
 
     /// The places in the store of all circles that may reach to within `reach_m` of a position.
     #[inline(never)]
     pub(super) fn near(&self, place_ned_m: Horizontal, reach_m: f32) -> Places {
         let away = place_ned_m.minus(self.origin_ned_m);
-        let (mut north, mut east) = ([0; WORDS], [0; WORDS]);
-        for (scale, middle_m, all) in [(&self.north, away.north, &mut north), (&self.east, away.east, &mut east)] {
+        let within = |scale: &[Places; BINS], middle_m| {
+            let mut all = [0; WORDS];
             for bin in bins(middle_m, reach_m) {
-                for (all, word) in all.iter_mut().zip(scale[bin].0) {
+                for (all, word) in all.iter_mut().zip(scale[bin % BINS].0) {
                     *all |= word;
                 }
             }
-        }
-        for ((both, east), doomed) in north.iter_mut().zip(east).zip(self.doomed.0) {
+            all
+        };
+        let mut both = within(&self.north, away.north);
+        for ((both, east), doomed) in both.iter_mut().zip(within(&self.east, away.east)).zip(self.doomed.0) {
             *both &= east & !doomed;
         }
-        Places(north)
+        Places(both)
     }
 
     /// The place for a new circle in a full store: that of a circle to be forgotten, or else that of the farthest, if
     /// it is farther away than the new one. Also returns whether it is that of a circle to be forgotten.
     #[inline(never)]
     pub(super) fn give_way(&mut self, newcomer: &Known) -> (Option<usize>, bool) {
-        let mut left = self.doomed;
-        if let Some(at) = left.next() {
-            self.doomed = left;
+        if let Some(at) = self.doomed.into_iter().next() {
+            self.doomed.remove(at);
             return (Some(at), true);
         }
         let squared = |at: u8| self.squared_bits.get(usize::from(at)).copied().unwrap_or(0);
@@ -173,16 +198,20 @@ fn last_greatest(members: &[u32]) -> usize {
     greatest.0
 }
 
+/// Bins of a scale, to be taken modulo [`BINS`].
+type Bins = Range<usize>;
+
 /// The bins of a scale within a reach of a position.
-fn bins(middle_m: f32, reach_m: f32) -> impl Iterator<Item = usize> {
+fn bins(middle_m: f32, reach_m: f32) -> Bins {
     // Rounded down; a cast saturates.
     let bin = |metres: f32| {
         let bins = metres * BINS_PER_M;
         (bins as i32).wrapping_sub(i32::from(bins < (bins as i32) as f32))
     };
     let (low, high) = (bin(middle_m - reach_m), bin(middle_m + reach_m));
-    let last = high.saturating_sub(low).clamp(0, BINS as i32 - 1);
-    (0..=last).map(move |k| low.wrapping_add(k) as usize % BINS)
+    let count = high.saturating_sub(low).clamp(0, BINS as i32 - 1) as usize + 1;
+    let first = low as usize % BINS;
+    first..first + count
 }
 
 #[cfg(test)]
@@ -227,7 +256,7 @@ mod tests {
                 for _ in 0..20 {
                     let (place, reach_m) =
                         (all[(rng.uniform() * (CIRCLES_MAX - 1) as f32) as usize].center_ned_m, rng.uniform());
-                    let found: Vec<usize> = index.near(place, reach_m).collect();
+                    let found: Vec<usize> = index.near(place, reach_m).into_iter().collect();
                     assert!(found.windows(2).all(|pair| pair[0] < pair[1]) && !found.contains(&7));
                     for (at, known) in all.iter().enumerate().filter(|(at, _)| *at != 7) {
                         let is_near = known.center_ned_m.minus(place).norm() < 0.999 * (known.radius_m + reach_m);

@@ -441,14 +441,14 @@ impl Mapper {
 
 /// The place of a circle that was delivered before with the same values. A sensor usually delivers standing obstacles
 /// in the same order each time, so the search begins after the last one found.
-fn seen_before(known: &[Known], mut near: Places, circle: &Circle, next: usize) -> Option<usize> {
+fn seen_before(known: &[Known], near: Places, circle: &Circle, next: usize) -> Option<usize> {
     let is_it = |at: &usize| known.get(*at).is_some_and(|k| k.circle() == *circle && k.origin == Origin::Given);
-    Some(next).filter(is_it).or_else(|| near.find(is_it))
+    Some(next).filter(is_it).or_else(|| near.into_iter().find(is_it))
 }
 
 /// The place of the known circle that a circle is another measurement of.
-fn seen_nearby(known: &[Known], mut near: Places, circle: &Circle, near_m: f32, now_ms: u32) -> Option<usize> {
-    near.find(|at| {
+fn seen_nearby(known: &[Known], near: Places, circle: &Circle, near_m: f32, now_ms: u32) -> Option<usize> {
+    near.into_iter().find(|at| {
         let Some(k) = known.get(*at).filter(|k| k.clear_scans != DOOMED) else { return false };
         // Two circles of one delivery are two obstacles, however near, unless they are equal.
         if k.seen_ms == now_ms && k.origin == Origin::Given {

@@ -103,8 +103,8 @@ fn is_covered(all: &[Known], index: &Index, at: usize) -> bool {
 
 /// Whether a place is in one of the circles that may replace a known one, or sticks out of it by at most `slack_m`.
 #[inline(never)]
-fn is_in_others(all: &[Known], mut near: Places, at: usize, known: &Known, place: Horizontal, slack_m: f32) -> bool {
-    near.any(|other| {
+fn is_in_others(all: &[Known], near: Places, at: usize, known: &Known, place: Horizontal, slack_m: f32) -> bool {
+    near.into_iter().any(|other| {
         let Some(one) = all.get(other).filter(|_| other != at) else { return false };
         let reach_m = one.radius_m + slack_m;
         place.minus(one.center_ned_m).norm_squared() <= reach_m * reach_m && covers(one) && may_stand_for(one, known)

@@ -162,8 +162,8 @@ impl<'a> Sectors<'a> {
         }
         let (from, most_mm) = (index * self.rays_each, (1000.0 * self.scan.range_max_m + 0.5) as u16);
         let (mut least_mm, mut nearest, mut clear, mut absurd) = (CLEAR, 0, 0, None);
-        let its = self.scan.rays.ranges_mm.get(from..).unwrap_or_default().iter().take(self.rays_each);
-        for (ray, range_mm) in its.enumerate() {
+        let its = self.scan.rays.ranges_mm.get(from..).unwrap_or_default();
+        for (ray, range_mm) in its.get(..self.rays_each).unwrap_or(its).iter().enumerate() {
             match *range_mm {
                 UNKNOWN => {}
                 CLEAR => clear += 1,
