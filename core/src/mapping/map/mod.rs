@@ -39,7 +39,7 @@ mod index;
 mod motion;
 mod thin_out;
 
-use index::{Index, Places};
+use index::Index;
 use motion::{Motion, Sighting};
 
 /// Largest number of circles that are remembered.
@@ -328,15 +328,24 @@ impl Mapper {
             let near_m = 0.05 + 0.25 * circle.radius_m;
             let reach_m = circle.radius_m + STICK_OUT_M;
             let near = index.near(circle.center_ned_m, if reach_m > near_m { reach_m } else { near_m });
-            // Circles fitted to hits are replaced where the sensor delivers the whole obstacle.
+            // A sensor usually delivers standing obstacles in the same order each time, so the search for a circle that was
+            // delivered before with the same values begins after the last one found.
+            let is_again = |k: &Known| k.origin == Origin::Given && k.circle() == *circle;
+            let mut again = Some(next).filter(|at| map.known.get(*at).is_some_and(is_again));
+            let mut nearby = None;
             for at in near {
-                if let Some(pieced) = map.known.get_mut(at).filter(|k| k.origin != Origin::Given && holds(circle, k)) {
-                    pieced.clear_scans = DOOMED;
+                let Some(k) = map.known.get_mut(at) else { continue };
+                if k.origin != Origin::Given && holds(circle, k) {
+                    // Circles fitted to hits are replaced where the sensor delivers the whole obstacle.
+                    k.clear_scans = DOOMED;
                     index.doom(at);
+                } else if again.is_none() && is_again(k) {
+                    again = Some(at);
+                } else if nearby.is_none() && is_measured_again(k, circle, near_m, now_ms) {
+                    nearby = Some(at);
                 }
             }
-            let found = seen_before(&map.known, near, circle, next);
-            match found.or_else(|| seen_nearby(&map.known, near, circle, near_m, now_ms)) {
+            match again.or(nearby) {
                 Some(at) => {
                     if let Some(old) = map.known.get_mut(at) {
                         *old = known;
@@ -439,24 +448,14 @@ impl Mapper {
     }
 }
 
-/// The place of a circle that was delivered before with the same values. A sensor usually delivers standing obstacles
-/// in the same order each time, so the search begins after the last one found.
-fn seen_before(known: &[Known], near: Places, circle: &Circle, next: usize) -> Option<usize> {
-    let is_it = |at: &usize| known.get(*at).is_some_and(|k| k.circle() == *circle && k.origin == Origin::Given);
-    Some(next).filter(is_it).or_else(|| near.into_iter().find(is_it))
-}
-
-/// The place of the known circle that a circle is another measurement of.
-fn seen_nearby(known: &[Known], near: Places, circle: &Circle, near_m: f32, now_ms: u32) -> Option<usize> {
-    near.into_iter().find(|at| {
-        let Some(k) = known.get(*at).filter(|k| k.clear_scans != DOOMED) else { return false };
-        // Two circles of one delivery are two obstacles, however near, unless they are equal.
-        if k.seen_ms == now_ms && k.origin == Origin::Given {
-            return false;
-        }
-        let away = k.center_ned_m.minus(circle.center_ned_m);
-        away.norm_squared() < near_m * near_m && libm::fabsf(k.radius_m - circle.radius_m) < 0.05
-    })
+/// Whether a circle is another measurement of a known one.
+fn is_measured_again(known: &Known, circle: &Circle, near_m: f32, now_ms: u32) -> bool {
+    // Two circles of one delivery are two obstacles, however near, unless they are equal.
+    if known.clear_scans == DOOMED || known.seen_ms == now_ms && known.origin == Origin::Given {
+        return false;
+    }
+    let away = known.center_ned_m.minus(circle.center_ned_m);
+    away.norm_squared() < near_m * near_m && libm::fabsf(known.radius_m - circle.radius_m) < 0.05
 }
 
 /// The unit vector from a patch towards where it is seen from. Round circles get zero instead, their initial velocity.
