@@ -5,7 +5,7 @@
     python3 examples/ray_suite.py suite.json -- --snr-db 20 --seed 3        # what `foxhound suite` is given as well
 
 The suite and the program go to the nodes through Ray, so nothing but Ray has to be installed there; the nodes must be of
-one kind. A shard takes one core. A shard whose node is lost is flown again, and comes to the same bytes.
+one kind. A shard takes one core. A shard whose worker or node is lost is flown again, and comes to the same bytes.
 """
 
 import argparse
@@ -55,6 +55,8 @@ def main():
     args, options = arguments()
     program, suite = args.foxhound.read_bytes(), args.suite.read_bytes()
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    # Ray prints there that a worker died; standard output is for the result, which `foxhound merge` writes.
+    sys.stdout = sys.stderr
     ray.init(address=args.address, log_to_driver=False, include_dashboard=None if args.address else False)
     # Put once, not once a shard.
     program, suite = ray.put(program), ray.put(suite)

@@ -9,5 +9,6 @@ mod live;
 mod logs;
 mod maps_and_suites;
 mod parameters;
+mod python;
 mod report;
 mod shards;

@@ -1,4 +1,5 @@
-//! A suite in parts: `foxhound suite --shard` and `foxhound merge`, and the same over a Ray cluster of two workers.
+//! A suite in parts: `foxhound suite --shard` and `foxhound merge`, and the same over a Ray cluster of two nodes, one of whose
+//! workers is killed.
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::fs::{create_dir, read, read_to_string, write};
@@ -118,15 +119,18 @@ fn program() -> PathBuf {
     PathBuf::from(foxhound().get_program())
 }
 
-/// A Ray cluster of two workers gives the same bytes as the suite in one piece.
+/// A Ray cluster of two nodes gives the same bytes as the suite in one piece, although a worker is killed while it flies.
 #[test]
 #[ignore = "needs Ray: cargo xtask test"]
-fn a_ray_cluster_of_two_workers_comes_to_the_bytes_of_the_suite() {
+fn a_ray_cluster_of_two_nodes_comes_to_the_bytes_of_the_suite_though_a_worker_is_killed() {
     let _machine = take_machine();
     let dir = tempfile::tempdir().unwrap();
     let suite = suite(dir.path());
     let output = python()
+        // The killed worker leaves its folder behind.
+        .env("TMPDIR", dir.path())
         .arg(root().join("tests/peers/ray_cluster.py"))
+        .arg("--kill")
         .arg(root().join("examples/ray_suite.py"))
         .args(["--foxhound".as_ref(), program().as_os_str(), "--shards".as_ref(), "4".as_ref(), "--out".as_ref()])
         .arg(dir.path())
@@ -136,7 +140,8 @@ fn a_ray_cluster_of_two_workers_comes_to_the_bytes_of_the_suite() {
     let errors = String::from_utf8_lossy(&output.stderr);
     let whole = run(&["suite", &suite, "--json", "--seed", "3"]);
     assert_eq!((output.status.code(), &output.stdout), (whole.status.code(), &whole.stdout), "{errors}");
-    assert!(errors.contains("4 shards on 2 nodes"), "both workers flew: {errors}");
+    assert!(errors.contains(" was killed\n"), "{errors}");
+    assert!(errors.contains("4 shards on 2 nodes"), "both nodes flew: {errors}");
 }
 
 /// `examples/snr_sweep.py` writes a table within 15 % of the bound, and a plot where Matplotlib is installed.

@@ -299,7 +299,7 @@ fn an_import_is_seen_however_it_is_written() {
 }
 
 /// All crates of the repository, by their sources.
-const CRATES: [&str; 9] = [
+const CRATES: [&str; 10] = [
     "computer/src",
     "core/src",
     "firmware/src",
@@ -308,6 +308,7 @@ const CRATES: [&str; 9] = [
     "link/src",
     "pad/src",
     "papers/src",
+    "python/src",
     "xtask/src",
 ];
 

@@ -6,7 +6,7 @@
 use std::collections::BTreeSet;
 use std::path::{Component, Path, PathBuf};
 
-use foxhound_tests::{foxhound, python, root, run, run_json};
+use foxhound_tests::{foxhound, root, run, run_json};
 
 /// All pages below `docs`, by their path from the root.
 fn pages() -> Vec<PathBuf> {
@@ -255,7 +255,7 @@ fn every_picture_is_shown_on_a_page() {
 /// Every file of the repository that the manual names exists.
 #[test]
 fn every_file_of_ours_that_a_page_names_is_there() {
-    const FOLDERS: [&str; 11] = [
+    const FOLDERS: [&str; 12] = [
         "core/",
         "computer/",
         "link/",
@@ -264,6 +264,7 @@ fn every_file_of_ours_that_a_page_names_is_there() {
         "tests/",
         "fuzz/",
         "examples/",
+        "python/",
         "docs/",
         "xtask/",
         "scenarios/",
@@ -424,22 +425,4 @@ fn the_scenarios_of_the_manual_are_flown_to_their_beacons() {
         let (code, flight) = run_json(&["fly", "--json", "--scenario", &file.to_string_lossy()]);
         assert_eq!((code, flight["result"].as_str()), (0, Some("reached")), "{flight}");
     }
-}
-
-/// The Python program of the manual runs and prints the documented values.
-#[test]
-#[ignore = "needs Python: cargo xtask test"]
-fn the_python_of_the_manual_runs() {
-    let programs = blocks(&read(Path::new("docs/python.md")), "python");
-    assert_eq!(programs.len(), 1);
-    let program = PathBuf::from(foxhound().get_program());
-    let found = std::env::var_os("PATH").unwrap_or_default();
-    let folders = std::env::split_paths(&found).collect::<Vec<_>>();
-    let path = std::env::join_paths([program.parent().unwrap().to_path_buf()].iter().chain(&folders)).unwrap();
-    let output = python().env("PATH", path).args(["-c", &programs[0]]).output().unwrap();
-    let text = String::from_utf8(output.stdout).unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    // The signal-to-noise ratio, and how many of two flights reached the beacon.
-    let starts: Vec<&str> = text.lines().map(|line| line.split(" [").next().unwrap_or_default()).collect();
-    assert_eq!((starts.len(), starts.last()), (3, Some(&"20 2")), "{text}");
 }

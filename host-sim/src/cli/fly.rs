@@ -21,7 +21,7 @@ use foxhound_sim::record::{mcap, plot};
 use foxhound_sim::scenario::input::{InputError, SNR_DB, SPEED, check_within};
 use foxhound_sim::scenario::output;
 use foxhound_sim::scenario::params::Given;
-use foxhound_sim::scenario::{BearingModel, Scenario, SensorModel};
+use foxhound_sim::scenario::{Scenario, SensorModel};
 
 use super::live::{LiveArgs, Pace, Watched};
 use super::terminal::{BAD, GOOD, HALF, interrupted, say, show_as, stop_flag, warn};
@@ -187,9 +187,7 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         None => Scenario::built_in(),
     };
     if let Some(snr_db) = args.snr_db {
-        check_within("--snr-db", snr_db, &SNR_DB)?;
-        scenario.bearing.snr_db = Some(snr_db);
-        scenario.bearing.model = Some(BearingModel::Rf);
+        scenario.bearing.set_snr_db("--snr-db", snr_db)?;
     }
     if args.live.is_on() {
         check_within("--speed", args.speed, &SPEED)?;

@@ -13,7 +13,7 @@ use foxhound_sim::drive::suite::{self, Flight, Flown, Selection, Suite};
 use foxhound_sim::record::plot;
 use foxhound_sim::record::table;
 use foxhound_sim::scenario::input::{DRONE_RADIUS_M, InputError, SIGMA_DEG, SNR_DB, check_within};
-use foxhound_sim::scenario::{BearingModel, VehicleModel, output};
+use foxhound_sim::scenario::{VehicleModel, output};
 
 use super::fly::{EstimatorName, planner_parser};
 use super::terminal::{interrupted, say, stop_flag, warn};
@@ -139,14 +139,10 @@ fn suite_of(args: &SuiteCommand) -> Result<Suite, InputError> {
         suite.drone_radius = radius_m;
     }
     if let Some(sigma_deg) = args.bearing_sigma_deg {
-        check_within("--bearing-sigma-deg", sigma_deg, &SIGMA_DEG)?;
-        suite.bearing.sigma_deg = sigma_deg;
-        suite.bearing.model = Some(BearingModel::Noise);
+        suite.bearing.set_sigma_deg("--bearing-sigma-deg", sigma_deg)?;
     }
     if let Some(snr_db) = args.snr_db {
-        check_within("--snr-db", snr_db, &SNR_DB)?;
-        suite.bearing.snr_db = Some(snr_db);
-        suite.bearing.model = Some(BearingModel::Rf);
+        suite.bearing.set_snr_db("--snr-db", snr_db)?;
     }
     if let Some(vehicle) = args.vehicle {
         suite.vehicle.model = vehicle.into();
@@ -170,16 +166,8 @@ fn write_tables(cli: &Cli, args: &SuiteCommand, flown: &[suite::Flown]) -> Resul
 
 pub(super) fn fly_suite(cli: &Cli, args: &SuiteCommand) -> Result<ExitCode, InputError> {
     let suite = suite_of(args)?;
-    if args.only.len() > 3 {
-        return Err(InputError::new("--only: expected ROW, ROW,INSTANCE or ROW,INSTANCE,PAIR"));
-    }
     let selection = Selection { only: args.only.clone(), pairs: args.pairs, shard: args.shard };
-    let count = suite.count(&selection);
-    if count == 0 {
-        let is_whole = args.only.is_empty() && args.pairs.is_none();
-        let what = if is_whole { "maps: there is no pair" } else { "--only or --pairs: no pair is left" };
-        return Err(InputError::new(what).in_file(&args.file));
-    }
+    let count = suite.count(&selection).map_err(|error| error.in_file(&args.file))?;
     let flights = suite.flights(cli.seed, &selection);
     let (planner, estimator) = (args.planner, args.estimator.into());
     // Refused once, not by every worker; a shard of a small suite may be empty.

@@ -241,10 +241,22 @@ impl Suite {
     }
 
     /// How many flights are selected, in all shards together.
-    #[must_use]
-    pub fn count(&self, selection: &Selection) -> usize {
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn count(&self, selection: &Selection) -> Result<usize, InputError> {
+        if selection.only.len() > 3 {
+            return Err(InputError::new("--only: expected ROW, ROW,INSTANCE or ROW,INSTANCE,PAIR"));
+        }
         let maps = self.maps.iter().filter(|map| selection.takes_map(map));
-        maps.map(|map| (0..).zip(&map.pairs).filter(|(index, _)| selection.takes_pair(*index)).count()).sum()
+        let count = maps.map(|map| (0..).zip(&map.pairs).filter(|(index, _)| selection.takes_pair(*index)).count());
+        match count.sum() {
+            0 if selection.only.is_empty() && selection.pairs.is_none() => {
+                Err(InputError::new("maps: there is no pair"))
+            }
+            0 => Err(InputError::new("--only or --pairs: no pair is left")),
+            count => Ok(count),
+        }
     }
 }
 

@@ -34,6 +34,29 @@ enum Of {
     Text(fn(&Flown) -> &str),
 }
 
+/// The values of a column.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Values<'a> {
+    /// Whole numbers.
+    Whole(Vec<u64>),
+    /// Numbers, or none.
+    Number(Vec<Option<f64>>),
+    /// Texts.
+    Text(Vec<&'a str>),
+}
+
+impl Column {
+    /// Its values, one for each flight.
+    #[must_use]
+    pub fn values<'a>(&self, flown: &'a [Flown]) -> Values<'a> {
+        match self.of {
+            Of::Whole(of) => Values::Whole(flown.iter().map(of).collect()),
+            Of::Number(of) => Values::Number(flown.iter().map(of).collect()),
+            Of::Text(of) => Values::Text(flown.iter().map(of).collect()),
+        }
+    }
+}
+
 const fn column(name: &'static str, what: &'static str, of: Of) -> Column {
     Column { name, what, of }
 }
@@ -129,19 +152,18 @@ fn field(column: &Column) -> Result<Type, ParquetError> {
 }
 
 fn fill(writer: &mut SerializedColumnWriter<'_>, column: Column, flown: &[Flown]) -> Result<(), ParquetError> {
-    match column.of {
-        Of::Whole(of) => {
-            let values: Vec<i64> = flown.iter().map(|flight| of(flight).cast_signed()).collect();
+    match column.values(flown) {
+        Values::Whole(values) => {
+            let values: Vec<i64> = values.into_iter().map(u64::cast_signed).collect();
             writer.typed::<Int64Type>().write_batch(&values, None, None)?;
         }
-        Of::Number(of) => {
-            let all: Vec<Option<f64>> = flown.iter().map(of).collect();
+        Values::Number(all) => {
             let values: Vec<f64> = all.iter().flatten().copied().collect();
             let is_there: Vec<i16> = all.iter().map(|value| value.is_some().into()).collect();
             writer.typed::<DoubleType>().write_batch(&values, Some(&is_there), None)?;
         }
-        Of::Text(of) => {
-            let values: Vec<ByteArray> = flown.iter().map(|flight| ByteArray::from(of(flight))).collect();
+        Values::Text(values) => {
+            let values: Vec<ByteArray> = values.into_iter().map(ByteArray::from).collect();
             writer.typed::<ByteArrayType>().write_batch(&values, None, None)?;
         }
     }

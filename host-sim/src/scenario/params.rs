@@ -58,7 +58,11 @@ impl Given {
         self.set(name, number)
     }
 
-    fn set(&mut self, name: &str, value: f64) -> Result<(), InputError> {
+    /// Takes in one value.
+    ///
+    /// # Errors
+    /// What is wrong with it, and what would have been accepted.
+    pub fn set(&mut self, name: &str, value: f64) -> Result<(), InputError> {
         let id = Id::named(name.as_bytes()).filter(|_| !name.contains('\0')).ok_or_else(|| unknown(name))?;
         let refused = |refusal| InputError::new(format!("{name} = {value} {refusal}"));
         self.values.set(id, value as f32).map_err(refused)?;

@@ -217,6 +217,17 @@ fn find_in<const N: usize>(
     Ok(lines)
 }
 
+/// Refuses frames that are left over where `looks` make an answer: no sample of a recording is left out.
+///
+/// # Errors
+/// How many are left.
+pub fn refuse_left(left: usize, count: usize, what: &str, looks: usize) -> Result<(), InputError> {
+    if left == 0 {
+        return Ok(());
+    }
+    Err(InputError::new(format!("the last {left} of {count} {what} make no group of {looks}; cut them off")))
+}
+
 /// A frame, heard.
 #[derive(Clone, Copy, Debug)]
 struct Look {

@@ -86,7 +86,11 @@ impl Recording {
         file.finish()
     }
 
-    fn parse(bytes: &[u8]) -> Result<Self, InputError> {
+    /// Reads the bytes of such a file.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn parse(bytes: &[u8]) -> Result<Self, InputError> {
         let (shape, codes) = read_npy::<i16>(bytes, "int16")?;
         let [frames, channels, block_length] = shape[..] else {
             return Err(InputError::new(format!("shape {shape:?}: expected (frames, {CHANNELS}, N)")));
@@ -125,24 +129,30 @@ impl Recording {
 /// Names the file and what is wrong with it.
 pub fn read_yaw(path: &Path, frames: usize) -> Result<Vec<f64>, InputError> {
     let bytes = std::fs::read(path).map_err(|error| InputError::new(error.to_string()).in_file(path))?;
-    let parse = || {
-        let (shape, yaw) = read_npy::<f64>(&bytes, "float64")?;
-        if shape != [frames as u64] {
-            return Err(InputError::new(format!("shape {shape:?}: expected one yaw a frame, ({frames},)")));
-        }
-        if let Some(at) = yaw.iter().position(|yaw| !yaw.is_finite() || yaw.abs() > 1e4) {
-            return Err(InputError::new(format!("yaw[{at}] = {}: expected radians", yaw[at])));
-        }
-        Ok(yaw)
-    };
-    parse().map_err(|error: InputError| error.in_file(path))
+    parse_yaw(&bytes, frames).map_err(|error| error.in_file(path))
 }
 
-/// The type of a `.npy` file's values, as NumPy writes it; `None` if it is not such a file.
-pub(super) fn npy_type(bytes: &[u8]) -> Option<String> {
+/// Reads the bytes of such a file.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn parse_yaw(bytes: &[u8], frames: usize) -> Result<Vec<f64>, InputError> {
+    let (shape, yaw) = read_npy::<f64>(bytes, "float64")?;
+    if shape != [frames as u64] {
+        return Err(InputError::new(format!("shape {shape:?}: expected one yaw a frame, ({frames},)")));
+    }
+    if let Some(at) = yaw.iter().position(|yaw| !yaw.is_finite() || yaw.abs() > 1e4) {
+        return Err(InputError::new(format!("yaw[{at}] = {}: expected radians", yaw[at])));
+    }
+    Ok(yaw)
+}
+
+/// The type of a `.npy` file's values, as NumPy writes it, and its shape; `None` if it is not such a file.
+#[must_use]
+pub fn npy_type(bytes: &[u8]) -> Option<(String, Vec<u64>)> {
     refuse_absurd_shape(bytes).ok()?;
     let header = npyz::NpyHeader::from_reader(&mut Cursor::new(bytes)).ok()?;
-    Some(header.dtype().descr().trim_matches('\'').to_owned())
+    Some((header.dtype().descr().trim_matches('\'').to_owned(), header.shape().to_vec()))
 }
 
 /// Reads a `.npy` file of one type: its shape and its values in C order.

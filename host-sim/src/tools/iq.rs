@@ -55,9 +55,22 @@ impl Frames {
             let wav::Recording { channels, samples, values, is_real, kind } = recording;
             (channels, samples, values, is_real, kind)
         } else {
-            read_frames(path)?
+            let bytes = std::fs::read(path).map_err(|error| InputError::new(error.to_string()).in_file(path))?;
+            return Self::parse(&bytes, array).map_err(|error| error.in_file(path));
         };
-        let wrong = |text: String| Err(InputError::new(text).in_file(path));
+        Self::checked((channels, samples, values, is_real, kind), antennas).map_err(|error| error.in_file(path))
+    }
+
+    /// Reads the bytes of a `.npy` file.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn parse(bytes: &[u8], array: &RadioArray) -> Result<Self, InputError> {
+        Self::checked(read_frames(bytes)?, array.beam.count)
+    }
+
+    fn checked((channels, samples, values, is_real, kind): Read, antennas: usize) -> Result<Self, InputError> {
+        let wrong = |text: String| Err(InputError::new(text));
         if channels != antennas {
             return wrong(format!("channels = {channels}: antennas_m has {antennas}, shape (frames, channels, N)"));
         }
@@ -95,21 +108,17 @@ impl Frames {
 
 type Read = (usize, usize, Vec<Complex32>, bool, String);
 
-fn read_frames(path: &Path) -> Result<Read, InputError> {
-    let parse = || {
-        let bytes = std::fs::read(path).map_err(|error| InputError::new(error.to_string()))?;
-        match npy_type(&bytes).as_deref() {
-            Some("<i2") => return whole::<i16>(&bytes, "int16", 32_768.0),
-            Some("|i1") => return whole::<i8>(&bytes, "int8", 128.0),
-            _ => {}
-        }
-        let (shape, values) = read_npy::<Complex32>(&bytes, "complex64")?;
-        let [_, channels, samples] = shape[..] else {
-            return Err(InputError::new(format!("shape {shape:?}: expected (frames, channels, N)")));
-        };
-        Ok((size(channels), size(samples), values, false, "complex64".to_owned()))
+fn read_frames(bytes: &[u8]) -> Result<Read, InputError> {
+    match npy_type(bytes).as_ref().map(|(name, _)| name.as_str()) {
+        Some("<i2") => return whole::<i16>(bytes, "int16", 32_768.0),
+        Some("|i1") => return whole::<i8>(bytes, "int8", 128.0),
+        _ => {}
+    }
+    let (shape, values) = read_npy::<Complex32>(bytes, "complex64")?;
+    let [_, channels, samples] = shape[..] else {
+        return Err(InputError::new(format!("shape {shape:?}: expected (frames, channels, N)")));
     };
-    parse().map_err(|error: InputError| error.in_file(path))
+    Ok((size(channels), size(samples), values, false, "complex64".to_owned()))
 }
 
 fn size(value: u64) -> usize {

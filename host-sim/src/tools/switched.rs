@@ -34,15 +34,54 @@ impl Packets {
     pub fn read(path: &Path, emitters: Option<&Path>, array: &RadioArray) -> Result<Self, InputError> {
         let bytes = bytes_of(path)?;
         let is_npy = bytes.starts_with(b"\x93NUMPY") || path.extension().is_some_and(|extension| extension == "npy");
-        let read = if is_npy { parse(&bytes) } else { Self::of_reports(&bytes, array) };
+        let read = if is_npy { Self::parse(&bytes) } else { Self::of_reports(&bytes, array) };
         let mut read = read.map_err(|error| error.in_file(path))?;
         if let Some(path) = emitters {
-            let numbers = parse_emitters(&bytes_of(path)?, read.count()).map_err(|error| error.in_file(path))?;
-            for (packet, number) in read.packets.iter_mut().zip(numbers) {
-                packet.emitter = number;
-            }
+            read.set_emitters(&bytes_of(path)?).map_err(|error| error.in_file(path))?;
         }
         Ok(read)
+    }
+
+    /// Reads the bytes of a `.npy` file.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn parse(bytes: &[u8]) -> Result<Self, InputError> {
+        let (shape, values) = read_npy::<Complex32>(bytes, "complex64")?;
+        let [packets, slots, samples] = shape[..] else {
+            return Err(InputError::new(format!("shape {shape:?}: expected (packets, slots, samples of a slot)")));
+        };
+        if packets == 0 {
+            return Err(InputError::new(format!("no packets: shape {shape:?}")));
+        }
+        let within = |name: &str, value: u64, range: std::ops::RangeInclusive<usize>| {
+            let size = usize::try_from(value).ok().filter(|size| range.contains(size));
+            size.ok_or_else(|| {
+                let (least, most) = (range.start(), range.end());
+                InputError::new(format!(
+                    "{name} = {value} is outside {least}..={most}, shape (packets, slots, samples)"
+                ))
+            })
+        };
+        let (slots, samples) = (within("slots", slots, 2..=SLOTS_MAX)?, within("samples", samples, 1..=SAMPLES_MAX)?);
+        let taken = format!("{packets} packets of {slots} slots of {samples} samples, complex64");
+        let packet = |values: &[Complex32]| Packet {
+            values: values.iter().map(|value| Complex { re: value.re, im: value.im }).collect(),
+            ..Packet::default()
+        };
+        Ok(Self { samples, packets: values.chunks_exact(slots * samples).map(packet).collect(), taken })
+    }
+
+    /// Says which transmitter sent each packet: the bytes of a `.npy` file, int32 of shape (packets,).
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn set_emitters(&mut self, bytes: &[u8]) -> Result<(), InputError> {
+        let numbers = parse_emitters(bytes, self.count())?;
+        for (packet, number) in self.packets.iter_mut().zip(numbers) {
+            packet.emitter = number;
+        }
+        Ok(())
     }
 
     fn of_reports(bytes: &[u8], array: &RadioArray) -> Result<Self, InputError> {
@@ -65,30 +104,6 @@ impl Packets {
 
 fn bytes_of(path: &Path) -> Result<Vec<u8>, InputError> {
     std::fs::read(path).map_err(|error| InputError::new(error.to_string()).in_file(path))
-}
-
-fn parse(bytes: &[u8]) -> Result<Packets, InputError> {
-    let (shape, values) = read_npy::<Complex32>(bytes, "complex64")?;
-    let [packets, slots, samples] = shape[..] else {
-        return Err(InputError::new(format!("shape {shape:?}: expected (packets, slots, samples of a slot)")));
-    };
-    if packets == 0 {
-        return Err(InputError::new(format!("no packets: shape {shape:?}")));
-    }
-    let within = |name: &str, value: u64, range: std::ops::RangeInclusive<usize>| {
-        let size = usize::try_from(value).ok().filter(|size| range.contains(size));
-        size.ok_or_else(|| {
-            let (least, most) = (range.start(), range.end());
-            InputError::new(format!("{name} = {value} is outside {least}..={most}, shape (packets, slots, samples)"))
-        })
-    };
-    let (slots, samples) = (within("slots", slots, 2..=SLOTS_MAX)?, within("samples", samples, 1..=SAMPLES_MAX)?);
-    let taken = format!("{packets} packets of {slots} slots of {samples} samples, complex64");
-    let packet = |values: &[Complex32]| Packet {
-        values: values.iter().map(|value| Complex { re: value.re, im: value.im }).collect(),
-        ..Packet::default()
-    };
-    Ok(Packets { samples, packets: values.chunks_exact(slots * samples).map(packet).collect(), taken })
 }
 
 fn parse_emitters(bytes: &[u8], packets: usize) -> Result<Vec<i32>, InputError> {

@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::scenario::disturbed::Pulses;
+use crate::scenario::input::{InputError, SIGMA_DEG, SNR_DB, check_within};
 
 /// A vertical pillar.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -289,6 +290,28 @@ impl Default for Bearing {
             rate_hz: None,
             place_bias_deg: 0.0,
         }
+    }
+}
+
+impl Bearing {
+    /// Changes to antenna waveforms with this signal-to-noise ratio per sample; `name` is what the user gave it as.
+    ///
+    /// # Errors
+    /// Names it, its value and the range.
+    pub fn set_snr_db(&mut self, name: &str, snr_db: f64) -> Result<(), InputError> {
+        check_within(name, snr_db, &SNR_DB)?;
+        (self.snr_db, self.model) = (Some(snr_db), Some(BearingModel::Rf));
+        Ok(())
+    }
+
+    /// Changes to bearings with this noise.
+    ///
+    /// # Errors
+    /// Names it, its value and the range.
+    pub fn set_sigma_deg(&mut self, name: &str, sigma_deg: f64) -> Result<(), InputError> {
+        check_within(name, sigma_deg, &SIGMA_DEG)?;
+        (self.sigma_deg, self.model) = (sigma_deg, Some(BearingModel::Noise));
+        Ok(())
     }
 }
 
