@@ -101,6 +101,11 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     for board in boards.iter().filter(|board| ![board::NUCLEO, board::TWIN].contains(&board.as_str())) {
         stages.run(&format!("image, {board}"), || fitting(board))?;
     }
+    if !stages.run("images, built once more", || {
+        crate::dist::images_again(&[(board::NUCLEO, &nucleo), (board::TWIN, &twin)])
+    })? {
+        stages.left_out.push("whether another folder gives the same images: files differ from the commit");
+    }
     stages.run("tests, built", || attend(cargo().args(["test", "--no-run"])))?;
     if no_run {
         return Ok(());
@@ -116,7 +121,7 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     if stages.run("dependencies, fetching the advisories", || attend(auditor(&python).args(["fetch", "db"]))).is_ok() {
         stages.run("dependencies, advisories", || attend(auditor(&python).args(["check", "advisories"])))?;
     } else {
-        stages.left_out = "\nNOT CHECKED: the dependencies' advisories, whose database cannot be fetched here";
+        stages.left_out.push("the dependencies' advisories, whose database cannot be fetched here");
     }
     // The same packages each time, so that nothing is built twice.
     for (name, kind) in [
@@ -139,7 +144,7 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
 #[derive(Default)]
 struct Stages {
     ended: Vec<(String, Duration)>,
-    left_out: &'static str,
+    left_out: Vec<&'static str>,
 }
 
 impl Stages {
@@ -157,7 +162,8 @@ impl Stages {
             let time_s = time.as_secs();
             format!("{:>3} min {:02} s  {name}", time_s / 60, time_s % 60)
         });
-        rows.collect::<Vec<_>>().join("\n") + self.left_out
+        let left_out = self.left_out.iter().map(|what| format!("NOT CHECKED: {what}"));
+        rows.chain(left_out).collect::<Vec<_>>().join("\n")
     }
 }
 
