@@ -133,6 +133,21 @@ impl Stream {
 }
 
 /// The state of signing under one key.
+///
+/// ```
+/// use foxhound_core::base::time::Instant;
+/// use foxhound_link::dialect::{HEARTBEAT_DATA, MavMessage};
+/// use foxhound_link::framer::{FRAME_MAX, Header, encode};
+/// use foxhound_link::signing::{Key, Signing, Verdict};
+///
+/// let key = Key::new([7; 32]).expect("not all zeros");
+/// let (mut ours, mut theirs) = (Signing::new(key.clone(), 0), Signing::new(key, 0));
+/// let mut frame = [0; FRAME_MAX];
+/// let length = encode(Header::default(), &MavMessage::HEARTBEAT(HEARTBEAT_DATA::default()), &mut frame);
+/// let signed = ours.sign(Instant(0), &mut frame, length);
+/// assert_eq!(theirs.check(Instant(0), &frame[..signed]), Verdict::Valid);
+/// assert_eq!(theirs.check(Instant(0), &frame[..signed]), Verdict::Replayed);
+/// ```
 #[derive(Clone, Debug)]
 pub struct Signing {
     key: Key,

@@ -195,6 +195,24 @@ impl Default for State {
 }
 
 /// The detector.
+///
+/// ```
+/// # use foxhound_core::ConfigError;
+/// use foxhound_core::base::time::Instant;
+/// use foxhound_core::landing::observation::{Bad, Seen};
+/// use foxhound_pad::{Config, Format, Header, State};
+///
+/// let detector = Config::default().build()?;
+/// let mut state = State::new();
+/// let header = Header { time: Instant(0), width_px: 64, height_px: 48, format: Format::Rgb565 };
+/// detector.begin(&mut state, &header, Some(2.0)).expect("a size that is allowed");
+/// for row in 0..48 {
+///     detector.line(&mut state, row, &[0; 128]).expect("in order, and whole");
+/// }
+/// assert!(!matches!(detector.end(&mut state).seen, Seen::Pad(_)), "black pixels are no pad");
+/// assert_eq!(detector.line(&mut state, 0, &[0; 128]), Err(Bad::NotBegun));
+/// # Ok::<(), ConfigError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Detector {
     config: Config,

@@ -2,7 +2,6 @@
 //! and runs these.
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
-use std::os::unix::fs::FileExt as _;
 use std::path::Path;
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
@@ -28,7 +27,7 @@ struct Flash(Vec<u8>);
 impl Flash {
     fn of(computer: &QemuComputer) -> Self {
         let mut bytes = vec![0; BYTES];
-        computer.memory().read_exact_at(&mut bytes, twin::STORE_AT as u64).unwrap();
+        computer.read_memory(&mut bytes, twin::STORE_AT).unwrap();
         Self(bytes.into_iter().map(|byte| !byte).collect())
     }
 }
@@ -206,7 +205,7 @@ fn the_image_starts_with_anything_in_its_flash() {
         twin.set(param::FH_RADIUS, 0.3);
         twin.tell(&storage(1.0));
         let junk: Vec<u8> = (0..BYTES).map(|at| fill ^ (at as u8).wrapping_mul(fill)).collect();
-        twin.computer.memory().write_all_at(&junk, twin::STORE_AT as u64).unwrap();
+        twin.computer.write_memory(&junk, twin::STORE_AT).unwrap();
         twin.computer.inject(Fault::PowerCut { after_us: 10 });
         while twin.step(&[]).is_ok() {}
         twin.computer.recover(&setup()).unwrap();

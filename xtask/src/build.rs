@@ -26,9 +26,15 @@ pub(crate) struct Size {
 impl Image {
     /// Builds one of the firmware's programs.
     pub(crate) fn build(board: &str, program: &str) -> Result<Self, Failure> {
-        install_target()?;
+        Self::build_in(workspace(), board, program)
+    }
+
+    /// The same in another clone of the repository.
+    pub(crate) fn build_in(root: &Path, board: &str, program: &str) -> Result<Self, Failure> {
+        install_target(TARGET)?;
         let mut cargo = cargo();
         cargo
+            .current_dir(root)
             .args([
                 "build",
                 "--profile",
@@ -41,20 +47,11 @@ impl Image {
                 TARGET,
             ])
             .args(["--features", &format!("board-{board}")])
-            .args(["--config", &same_everywhere()])
-            .arg("--message-format=json-render-diagnostics")
-            .stderr(Stdio::inherit());
-        let output = cargo.output().map_err(|error| Failure(format!("cargo cannot be started: {error}")))?;
-        if !output.status.success() {
-            return Err(Failure(format!("the firmware for {board} does not build")));
+            .args(["--config", &same_everywhere(root, TARGET)?]);
+        if root != workspace() {
+            cargo.env_remove("CARGO_TARGET_DIR");
         }
-        // One JSON object a line; the program's own says where it was put.
-        let built = String::from_utf8_lossy(&output.stdout)
-            .lines()
-            .filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok())
-            .filter(|message| message["target"]["name"] == program)
-            .find_map(|message| message["executable"].as_str().map(PathBuf::from))
-            .ok_or_else(|| Failure("cargo does not say where the image is".to_owned()))?;
+        let built = built(&mut cargo, program)?;
         // Cargo puts every board's image in the same place.
         let elf = built.with_file_name(format!("{program}-{board}.elf"));
         std::fs::copy(&built, &elf).map_err(|error| Failure(format!("{}: {error}", elf.display())))?;
@@ -84,13 +81,75 @@ impl Image {
     }
 }
 
-/// Where crates lie on this machine is no part of the image, which names places in them: its size would depend on it.
-fn same_everywhere() -> String {
-    let home = std::env::var_os("CARGO_HOME").map(PathBuf::from);
-    let home = home.or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cargo"))).unwrap_or_default();
-    let flags = [format!("--remap-path-prefix={}=crates", home.join("registry").join("src").display())];
+/// Builds a program with a cargo that has all its arguments but the format of the messages, and returns where it is.
+pub(crate) fn built(cargo: &mut Command, program: &str) -> Result<PathBuf, Failure> {
+    // Those of the environment would take the place of all others.
+    cargo.env_remove("RUSTFLAGS").env_remove("CARGO_ENCODED_RUSTFLAGS");
+    cargo.arg("--message-format=json-render-diagnostics").stderr(Stdio::inherit());
+    let output = cargo.output().map_err(|error| Failure(format!("cargo cannot be started: {error}")))?;
+    if !output.status.success() {
+        return Err(Failure(format!("{program} does not build")));
+    }
+    // One JSON object a line; the program's own says where it was put.
+    String::from_utf8_lossy(&output.stdout)
+        .lines()
+        .filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok())
+        .filter(|message| message["target"]["name"] == program)
+        .find_map(|message| message["executable"].as_str().map(PathBuf::from))
+        .ok_or_else(|| Failure(format!("cargo does not say where {program} is")))
+}
+
+/// The setting by which a program does not depend on where the repository, the crates and the toolchain's sources lie: it names
+/// places in them, in messages and for the debugger. What is relative to `.` is in the repository.
+pub(crate) fn same_everywhere(root: &Path, target: &str) -> Result<String, Failure> {
+    // Of several that fit, the last is taken; the homes may lie in the repository.
+    let mut places = vec![(root.to_owned(), ".".to_owned())];
+    if let Some(folder) = std::env::var_os("CARGO_TARGET_DIR") {
+        places.push((workspace().join(folder), "./target".to_owned()));
+    }
+    places.push((cargo_home().join("registry").join("src"), "crates".to_owned()));
+    places.push((sysroot()?.join("lib/rustlib/src/rust"), format!("/rustc/{}", of_compiler("commit-hash")?)));
+    let flags: Vec<_> =
+        places.iter().map(|(from, to)| format!("--remap-path-prefix={}={to}", from.display())).collect();
     // An array of strings is written alike in Rust and in TOML.
-    format!("target.{TARGET}.rustflags = {flags:?}")
+    Ok(format!("target.{target}.rustflags = {flags:?}"))
+}
+
+/// Where cargo keeps the sources of crates.
+pub(crate) fn cargo_home() -> PathBuf {
+    let home = std::env::var_os("CARGO_HOME").map(PathBuf::from);
+    home.or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cargo"))).unwrap_or_default()
+}
+
+/// The name of this machine's target.
+pub(crate) fn host() -> Result<String, Failure> {
+    of_compiler("host")
+}
+
+/// A line of what the compiler says of itself.
+fn of_compiler(key: &str) -> Result<String, Failure> {
+    let about = answer(Command::new("rustc").current_dir(workspace()).arg("-vV"))?;
+    let value = about.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(": "));
+    value.map(str::to_owned).ok_or_else(|| Failure(format!("rustc does not say its {key}")))
+}
+
+/// The folder of the running toolchain.
+pub(crate) fn sysroot() -> Result<PathBuf, Failure> {
+    answer(Command::new("rustc").current_dir(workspace()).args(["--print", "sysroot"])).map(PathBuf::from)
+}
+
+/// What a program prints, without the end of the line.
+pub(crate) fn answer(command: &mut Command) -> Result<String, Failure> {
+    let name = command.get_program().to_string_lossy().into_owned();
+    let output = command.output().map_err(|error| Failure(format!("{name} cannot be started: {error}")))?;
+    if !output.status.success() {
+        return Err(Failure(format!(
+            "{name} ended with {}: {}",
+            output.status,
+            String::from_utf8_lossy(&output.stderr)
+        )));
+    }
+    Ok(String::from_utf8_lossy(&output.stdout).trim_end().to_owned())
 }
 
 /// The cargo that runs us, in the root of the repository.
@@ -105,17 +164,17 @@ pub(crate) fn workspace() -> &'static Path {
     here.parent().unwrap_or(here)
 }
 
-/// Gives the running toolchain the target, where it does not have it. That of `rust-toolchain.toml` comes with it.
-pub(crate) fn install_target() -> Result<(), Failure> {
-    if has_target() {
+/// Gives the running toolchain a target, where it does not have it. [`TARGET`] comes with the toolchain of `rust-toolchain.toml`.
+pub(crate) fn install_target(target: &str) -> Result<(), Failure> {
+    if has_target(target) {
         return Ok(());
     }
-    eprintln!("installing {TARGET} (rustup)");
-    attend(Command::new("rustup").current_dir(workspace()).args(["target", "add", TARGET]).stdout(Stdio::null()))
+    eprintln!("installing {target} (rustup)");
+    attend(Command::new("rustup").current_dir(workspace()).args(["target", "add", target]).stdout(Stdio::null()))
 }
 
-fn has_target() -> bool {
+fn has_target(target: &str) -> bool {
     let mut rustc = Command::new("rustc");
-    rustc.current_dir(workspace()).args(["--print", "target-libdir", "--target", TARGET]);
+    rustc.current_dir(workspace()).args(["--print", "target-libdir", "--target", target]);
     rustc.output().is_ok_and(|output| Path::new(String::from_utf8_lossy(&output.stdout).trim()).is_dir())
 }

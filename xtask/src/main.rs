@@ -1,4 +1,4 @@
-//! Developer commands: `cargo xtask <test | fresh | firmware | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | g474 | soak | gusts | campaign | landings>`.
+//! Developer commands: `cargo xtask <test | fresh | firmware | dist | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | g474 | soak | gusts | campaign | landings>`.
 //!
 //! Of the firmware the host builds what needs no hardware; these commands build it
 //! for its own target.
@@ -6,6 +6,7 @@
 mod bench;
 mod board;
 mod build;
+mod dist;
 mod fresh;
 mod g474;
 mod left;
@@ -56,6 +57,15 @@ enum Task {
         /// Print one JSON object: board, elf, `flash_bytes`, `ram_bytes`
         #[arg(long)]
         json: bool,
+    },
+    /// Make the files of a release in `target/dist`: images, command line, manual pages, notes, sums
+    Dist {
+        /// Accept files that differ from the commit, and mark the release as such
+        #[arg(long)]
+        dirty: bool,
+        /// Make it once more in a clone and compare
+        #[arg(long, conflicts_with = "dirty")]
+        twice: bool,
     },
     /// Print how much of the flash the link takes, by function
     Size {
@@ -196,6 +206,7 @@ fn run(task: &Task) -> Result<(), Failure> {
         Task::Test { no_run } => test::run(*no_run),
         Task::Fresh { no_run } => fresh::run(*no_run),
         Task::Firmware { board, json } => firmware(board, *json),
+        Task::Dist { dirty, twice } => dist::run(*dirty, *twice),
         Task::Size { json } => size::run(*json),
         Task::Panics { json } => panics::run(*json),
         Task::Stack { json } => stack::run(*json),

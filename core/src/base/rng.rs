@@ -11,6 +11,13 @@ use crate::base::math::sqrt;
 use crate::base::units::sin_cos;
 
 /// A seeded generator. Same seed, same numbers, on every machine.
+///
+/// ```
+/// use foxhound_core::base::rng::Rng;
+///
+/// let (mut first, mut again) = (Rng::new(7, 1), Rng::new(7, 1));
+/// assert_eq!(first.gaussian().to_bits(), again.gaussian().to_bits());
+/// ```
 #[derive(Clone, Debug)]
 pub struct Rng {
     source: Xoshiro128PlusPlus,

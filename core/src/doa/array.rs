@@ -272,6 +272,14 @@ impl Config {
 }
 
 /// The checked array.
+///
+/// ```
+/// use foxhound_core::doa::array::Config;
+///
+/// assert!(Config::square(0.345, 0.138).build().is_ok());
+/// let error = Config::square(0.345, 0.18).build().unwrap_err();
+/// assert_eq!(error.field, "side_m", "opposite directions would be ambiguous");
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Array {
     /// Positions relative to their centroid, times the wavenumber, `[forward, right]`: radians of phase per unit of

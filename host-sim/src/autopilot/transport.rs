@@ -21,6 +21,11 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 mod endpoint;
+/// What the other systems have, for the test of its refusal.
+#[cfg(test)]
+#[expect(dead_code, reason = "only its refusal can be tested")]
+pub mod no_serial;
+#[cfg_attr(not(unix), path = "transport/no_serial.rs")]
 pub mod serial;
 mod stream;
 mod tcp;

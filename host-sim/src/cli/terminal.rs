@@ -82,15 +82,22 @@ pub(super) fn warn(text: &str) {
     let _ = writeln!(anstream::stderr(), "{label}{rest}");
 }
 
-/// The signals that end a program.
-const SIGNALS: [i32; 3] = [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP];
+/// The signals that end a program. Windows has no other.
+const SIGNALS: &[i32] = &[
+    signal_hook::consts::SIGINT,
+    signal_hook::consts::SIGTERM,
+    #[cfg(unix)]
+    signal_hook::consts::SIGHUP,
+];
 
 /// The received signal, or 0.
 static CAME: OnceLock<Arc<AtomicUsize>> = OnceLock::new();
 
 /// Makes a file that exceeds the size limit a write error, like a full disk, instead of the end of the program.
 pub(super) fn survive_limits() -> io::Result<()> {
-    signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::new(AtomicBool::new(false))).map(drop)
+    #[cfg(unix)]
+    signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::new(AtomicBool::new(false)))?;
+    Ok(())
 }
 
 /// A flag that is set by Ctrl-C or by a signal to end.
@@ -98,7 +105,7 @@ pub(super) fn stop_flag() -> Result<Arc<AtomicBool>, InputError> {
     use signal_hook::flag::{register, register_conditional_shutdown, register_usize};
     let flag = Arc::new(AtomicBool::new(false));
     let came = CAME.get_or_init(Arc::default);
-    for signal in SIGNALS {
+    for &signal in SIGNALS {
         // In this order, so that a second signal ends the program at once.
         register_conditional_shutdown(signal, 128 + signal, Arc::clone(&flag))
             .and_then(|_| register_usize(signal, Arc::clone(came), signal.unsigned_abs() as usize))

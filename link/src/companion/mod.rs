@@ -131,6 +131,31 @@ struct Noise {
 }
 
 /// Our end of the link. See the [module](self).
+///
+/// ```
+/// # use foxhound_core::ConfigError;
+/// use foxhound_core::base::time::Instant;
+/// use foxhound_link::companion::Config;
+/// use foxhound_link::dialect::{HEARTBEAT_DATA, MavAutopilot, MavMessage, MavType};
+/// use foxhound_link::failsafe::Cause;
+/// use foxhound_link::framer::{FRAME_MAX, Header, encode};
+///
+/// let mut companion = Config::default().build()?;
+/// companion.poll(Instant(0));
+/// assert_eq!(companion.cause(Instant(0)), Cause::NoAutopilot);
+///
+/// let heartbeat = HEARTBEAT_DATA {
+///     autopilot: MavAutopilot::MAV_AUTOPILOT_PX4 as u8,
+///     mavtype: MavType::MAV_TYPE_QUADROTOR as u8,
+///     ..HEARTBEAT_DATA::default()
+/// };
+/// let mut bytes = [0; FRAME_MAX];
+/// let from = Header { system_id: 1, component_id: 1, sequence: 0 };
+/// let length = encode(from, &MavMessage::HEARTBEAT(heartbeat), &mut bytes);
+/// companion.receive(Instant(0), &bytes[..length]);
+/// assert_eq!(companion.cause(Instant(0)), Cause::NotInMode, "the pilot has not given control");
+/// # Ok::<(), ConfigError>(())
+/// ```
 #[derive(Clone, Debug)]
 // In this order because it takes the least flash.
 #[repr(C)]

@@ -235,6 +235,15 @@ enum Within {
 }
 
 /// Finds reports in the bytes of a serial line. H4 has no mark between packets: bytes that cannot begin one are skipped.
+///
+/// ```
+/// use foxhound_link::radio::hci::Reader;
+///
+/// let mut reader = Reader::new();
+/// // An event that is no report: its code, a length of one, one byte.
+/// assert!([4, 0x0E, 1, 0].into_iter().all(|byte| reader.push(byte).is_none()));
+/// assert_eq!((reader.counters().events, reader.is_inside()), (1, false));
+/// ```
 #[derive(Clone, Debug)]
 pub struct Reader {
     within: Within,

@@ -98,6 +98,15 @@ impl<'a> Split<'a> {
 }
 
 /// Collects bytes into lines.
+///
+/// ```
+/// use foxhound_link::radio::uudf::Reader;
+///
+/// let mut reader = Reader::default();
+/// let line = b"+UUDF:6C1DEBA41845,-56,-11,20,0,39,\"6C1DEBA79D14\",\"\",746675,12\r\n";
+/// let angle = line.iter().find_map(|byte| reader.push(*byte)).expect("a whole line").unwrap();
+/// assert_eq!((angle.azimuth_deg, angle.elevation_deg), (-11, 20));
+/// ```
 #[derive(Clone, Debug, Default)]
 pub struct Reader {
     line: Vec<u8, LINE_MAX>,

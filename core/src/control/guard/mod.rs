@@ -133,6 +133,24 @@ pub struct Counts {
 }
 
 /// The configured stage.
+///
+/// ```
+/// # use foxhound_core::ConfigError;
+/// use foxhound_core::base::ned::Horizontal;
+/// use foxhound_core::control::guard::{Config, GuardInput, State};
+/// use foxhound_core::control::track::Demand;
+///
+/// let config = Config::default();
+/// let guard = config.build()?;
+/// let mut state = State::default();
+/// let velocity_ned_mps = Horizontal { north: 50.0, east: 0.0 };
+/// let demand = Demand { velocity_ned_mps, ..Demand::default() };
+/// for _ in 0..100 {
+///     let setpoint = guard.step(&mut state, &demand, &GuardInput::default(), &[], 0.02).setpoint;
+///     assert!(setpoint.velocity_ned_mps.north <= config.v_max_mps);
+/// }
+/// # Ok::<(), ConfigError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guard {
     config: Config,

@@ -91,6 +91,32 @@ impl Default for Config {
 }
 
 /// The configured filter bank.
+///
+/// ```
+/// # use foxhound_core::ConfigError;
+/// use foxhound_core::base::ned::Horizontal;
+/// use foxhound_core::localize::source::Sighting;
+/// use foxhound_core::localize::source::bank::{Config, State};
+///
+/// let bank = Config::default().build()?;
+/// let mut state = State::new();
+/// let mut found = None;
+/// // Past a source 8 m north, and not at it.
+/// for step in 0..60 {
+///     let east = 0.1 * step as f32 - 3.0;
+///     let range_m = libm::hypotf(8.0, east);
+///     let sighting = Sighting {
+///         place_ned_m: Horizontal { north: 0.0, east },
+///         direction_ned: Horizontal { north: 8.0 / range_m, east: -east / range_m },
+///         sigma_rad: 0.02,
+///         since_s: 0.2,
+///     };
+///     found = bank.step(&mut state, &sighting, 0.0, &[]);
+/// }
+/// let place = found.map(|answer| answer.estimate.place_ned_m).unwrap_or_default();
+/// assert!(place.minus(Horizontal { north: 8.0, east: 0.0 }).norm() < 1.0, "{place:?}");
+/// # Ok::<(), ConfigError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FilterBank {
     config: Config,

@@ -103,6 +103,23 @@ impl Config {
 }
 
 /// The configured stage.
+///
+/// ```
+/// # use foxhound_core::ConfigError;
+/// use foxhound_core::base::ned::Horizontal;
+/// use foxhound_core::base::obstacle::Circle;
+/// use foxhound_core::base::time::Instant;
+/// use foxhound_core::mapping::map::{Config, Map};
+///
+/// let mapper = Config::default().build()?;
+/// let mut map = Map::default();
+/// let center_ned_m = Horizontal { north: 3.0, east: 1.0 };
+/// let pillar = Circle { center_ned_m, radius_m: 0.2, ..Circle::default() };
+/// let here = Horizontal::default();
+/// assert!(mapper.observe_circles(&mut map, Instant(0), here, &[pillar]).is_ok());
+/// assert!(map.circles().eq([pillar]));
+/// # Ok::<(), ConfigError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mapper {
     config: Config,

@@ -17,6 +17,7 @@ use super::stream::Stream;
 const CALL_TIMEOUT: Duration = Duration::from_secs(3);
 const CALL_AGAIN_AFTER: Duration = Duration::from_millis(200);
 const SEND_BUFFER_BYTES: usize = 8192;
+#[cfg(target_os = "linux")]
 const UNACKNOWLEDGED_MAX_MS: u32 = 5_000;
 
 #[derive(Debug)]
@@ -94,6 +95,8 @@ fn prepare(stream: &TcpStream) -> io::Result<()> {
     stream.set_nonblocking(true)?;
     stream.set_nodelay(true)?;
     sockopt::set_socket_send_buffer_size(stream, SEND_BUFFER_BYTES)?;
+    // Elsewhere the system's own patience, which is longer.
+    #[cfg(target_os = "linux")]
     sockopt::set_tcp_user_timeout(stream, UNACKNOWLEDGED_MAX_MS)?;
     Ok(())
 }

@@ -168,3 +168,11 @@ fn what_is_wrong_with_an_address_is_said() {
         assert!(error.contains(words), "{text}: {error}");
     }
 }
+
+#[test]
+fn another_system_refuses_serial_ports_and_terminals_by_name() {
+    let port = no_serial::Serial::open("COM3".as_ref(), 115_200).unwrap_err();
+    let terminal = no_serial::Serial::pseudo_terminal().unwrap_err();
+    assert!(port.to_string().starts_with("serial ports need Linux or macOS"), "{port}");
+    assert!(terminal.to_string().starts_with("pty needs Linux or macOS"), "{terminal}");
+}

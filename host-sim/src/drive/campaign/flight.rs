@@ -1,7 +1,5 @@
 //! One mission of the campaign: its faults, and their results.
 
-use std::os::unix::fs::FileExt as _;
-
 use foxhound_computer::twin::{self, Fault, Setup};
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
@@ -223,10 +221,10 @@ impl Flight {
 
     /// Flips bits of the flash, or fills pages of it with random bytes.
     fn spoil(&mut self) {
-        let memory = self.trial.computer.qemu.memory();
+        let qemu = &self.trial.computer.qemu;
         let mut flash = vec![0; STORE_BYTES];
         // If it cannot be read or written, it shows as a flash that is not damaged.
-        if memory.read_exact_at(&mut flash, twin::STORE_AT as u64).is_err() {
+        if qemu.read_memory(&mut flash, twin::STORE_AT).is_err() {
             return;
         }
         for _ in 0..1 + (40.0 * self.random.uniform()) as usize {
@@ -238,7 +236,7 @@ impl Flight {
                 flash[at] ^= 1 << ((8.0 * self.random.uniform()) as u8 & 7);
             }
         }
-        let _ = memory.write_all_at(&flash, twin::STORE_AT as u64);
+        let _ = qemu.write_memory(&flash, twin::STORE_AT);
     }
 
     pub(super) fn run(&mut self, seconds: f64) {

@@ -10,6 +10,8 @@ pub(super) const BOARD: &str = "mps2_an386";
 /// Why the firmware does not fly.
 #[derive(Debug)]
 pub enum QemuError {
+    /// This system does not have what the connection to QEMU needs.
+    System,
     /// The file is not an image for the twin.
     Image {
         /// The file.
@@ -37,6 +39,9 @@ pub enum QemuError {
 impl fmt::Display for QemuError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::System => {
+                f.write_str("qemu needs Linux: QEMU shares its memory with this program through a file there")
+            }
             Self::Image { path, why } => {
                 write!(f, "{} is not a firmware image for {BOARD}: {why}", path.display())
             }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use object::{Object as _, ObjectSection as _, ObjectSegment as _};
 
-use super::error::{BOARD, QemuError};
+use super::super::error::{BOARD, QemuError};
 
 const BOARD_SECTION: &str = ".foxhound_board";
 /// The twin's memories for program and data: QEMU's, not the smaller ones that the linker may use.
