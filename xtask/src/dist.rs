@@ -48,7 +48,9 @@ pub(crate) fn run(dirty: bool, twice: bool) -> Result<(), Failure> {
         write(&folder.join("completions").join(name), &(script + "\n"))?;
     }
     wheel(&folder)?;
-    write(&folder.join("NOTES.md"), newest(include_str!("../../CHANGELOG.md")))?;
+    let changelog = workspace().join("CHANGELOG.md");
+    let changelog = fs::read_to_string(&changelog).map_err(|error| failed(&changelog, &error))?;
+    write(&folder.join("NOTES.md"), newest(&changelog))?;
     write(&folder.join("COMMIT"), &commit)?;
     let sums = sums(&folder)?;
     write(&folder.join(SUMS), &sums)?;
