@@ -27,6 +27,8 @@ pub(crate) fn run(dirty: bool, twice: bool) -> Result<(), Failure> {
         let remedy = if twice { "commit first" } else { "commit first, or give --dirty" };
         return Err(Failure(format!("these files differ from the commit; {remedy}:\n{changed}")));
     }
+    let mark = if changed.is_empty() { "" } else { "-dirty" };
+    let commit = format!("{}{mark}\n", git(&["rev-parse", "HEAD"])?);
     let folder = workspace().join("target/dist");
     let emptied = fs::remove_dir_all(&folder);
     if folder.exists() {
@@ -46,9 +48,10 @@ pub(crate) fn run(dirty: bool, twice: bool) -> Result<(), Failure> {
         write(&folder.join("completions").join(name), &(script + "\n"))?;
     }
     wheel(&folder)?;
-    write(&folder.join("NOTES.md"), newest(include_str!("../../CHANGELOG.md")))?;
-    let mark = if changed.is_empty() { "" } else { "-dirty" };
-    write(&folder.join("COMMIT"), &format!("{}{mark}\n", git(&["rev-parse", "HEAD"])?))?;
+    let changelog = workspace().join("CHANGELOG.md");
+    let changelog = fs::read_to_string(&changelog).map_err(|error| failed(&changelog, &error))?;
+    write(&folder.join("NOTES.md"), newest(&changelog))?;
+    write(&folder.join("COMMIT"), &commit)?;
     let sums = sums(&folder)?;
     write(&folder.join(SUMS), &sums)?;
     print!("{sums}");

@@ -1,8 +1,9 @@
-//! Developer commands: `cargo xtask <test | fresh | firmware | dist | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | g474 | soak | gusts | campaign | landings>`.
+//! Developer commands: `cargo xtask <test | fresh | firmware | dist | api | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | g474 | soak | gusts | campaign | landings>`.
 //!
 //! Of the firmware the host builds what needs no hardware; these commands build it
 //! for its own target.
 
+mod api;
 mod bench;
 mod board;
 mod build;
@@ -66,6 +67,12 @@ enum Task {
         /// Make it once more in a clone and compare
         #[arg(long, conflicts_with = "dirty")]
         twice: bool,
+    },
+    /// Compare the public interface of `foxhound-core` and `foxhound-link` with `xtask/api`
+    Api {
+        /// Write it there instead
+        #[arg(long)]
+        renew: bool,
     },
     /// Print how much of the flash the link takes, by function
     Size {
@@ -207,6 +214,7 @@ fn run(task: &Task) -> Result<(), Failure> {
         Task::Fresh { no_run } => fresh::run(*no_run),
         Task::Firmware { board, json } => firmware(board, *json),
         Task::Dist { dirty, twice } => dist::run(*dirty, *twice),
+        Task::Api { renew } => api::run(*renew),
         Task::Size { json } => size::run(*json),
         Task::Panics { json } => panics::run(*json),
         Task::Stack { json } => stack::run(*json),

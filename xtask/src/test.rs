@@ -63,7 +63,8 @@ pub(crate) fn run(no_run: bool) -> Result<(), Failure> {
 fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     stages.run("toolchain", install_toolchain)?;
     // Another compiler has other warnings and other lints that are errors from the start: it names them and goes on.
-    let lints: &[&str] = if is_named_toolchain() { &["--deny", "warnings"] } else { &["--cap-lints", "warn"] };
+    let is_named = is_named_toolchain();
+    let lints: &[&str] = if is_named { &["--deny", "warnings"] } else { &["--cap-lints", "warn"] };
     let clippy = |arguments: &[&str]| attend(cargo().arg("clippy").args(arguments).arg("--").args(lints));
 
     let boards = board::all()?;
@@ -102,6 +103,11 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
         attend(doc.env("RUSTDOCFLAGS", lints.join(" ")))
     })?;
     stages.run("packages", package)?;
+    if is_named {
+        stages.run("public interface", || crate::api::run(false))?;
+    } else {
+        stages.left_out.push("the public interface: another compiler describes it in another format");
+    }
 
     let nucleo = stages.run("image, nucleo_g474re", || fitting(board::NUCLEO))?;
     let twin = stages.run("image, mps2_an386", || fitting(board::TWIN))?;
