@@ -122,10 +122,13 @@ struct Asked {
 }
 
 /// Results of any recording.
-enum Found {
+enum Lines {
     Codes(Vec<Line>),
     Radio(Vec<ArrayLine>),
 }
+
+/// The results, and what the user should know of them.
+type Found = (Lines, Vec<String>);
 
 impl Asked {
     fn find(&self, array: &Array, recorded: &Recorded) -> Result<Found, InputError> {
@@ -140,14 +143,13 @@ impl Asked {
         needs("yaw_rad", self.yaw.is_some() && !is_codes, "codes, int16 (frames, 4, N)")?;
         needs("independent", self.independent && !is_codes, "codes, int16 (frames, 4, N)")?;
         if is_codes {
-            return self.codes(array.codes.as_ref().map_err(Clone::clone)?, recorded).map(Found::Codes);
+            return self.codes(array.codes.as_ref().map_err(Clone::clone)?, recorded);
         }
         let radio = array.radio.as_ref().map_err(Clone::clone)?;
-        let found = if is_switched { self.switched(radio, recorded) } else { self.iq(radio, recorded) };
-        found.map(Found::Radio)
+        if is_switched { self.switched(radio, recorded) } else { self.iq(radio, recorded) }
     }
 
-    fn codes(&self, array: &ArrayDescription, recorded: &Recorded) -> Result<Vec<Line>, InputError> {
+    fn codes(&self, array: &ArrayDescription, recorded: &Recorded) -> Result<Found, InputError> {
         let recording = match recorded {
             Recorded::File(path) => Recording::read(path),
             Recorded::Npy(bytes) => Recording::parse(bytes),
@@ -158,20 +160,20 @@ impl Asked {
         let options = Options { estimator: Estimator::default(), looks, yaw_rad, independent };
         let lines = find(&recording, array, &options)?;
         self.refuse_left(frames % looks, frames, "frames")?;
-        Ok(lines)
+        Ok((Lines::Codes(lines), array.warnings()?.into_iter().map(str::to_owned).collect()))
     }
 
-    fn iq(&self, array: &RadioArray, recorded: &Recorded) -> Result<Vec<ArrayLine>, InputError> {
+    fn iq(&self, array: &RadioArray, recorded: &Recorded) -> Result<Found, InputError> {
         let frames = match recorded {
             Recorded::File(path) => Frames::read(path, array),
             Recorded::Npy(bytes) => Frames::parse(bytes, array),
         }?;
         let lines = iq::find(&frames, array, self.looks)?;
         self.refuse_left(frames.count() % self.looks, frames.count(), "frames")?;
-        Ok(lines)
+        Ok((Lines::Radio(lines), Vec::new()))
     }
 
-    fn switched(&self, array: &RadioArray, recorded: &Recorded) -> Result<Vec<ArrayLine>, InputError> {
+    fn switched(&self, array: &RadioArray, recorded: &Recorded) -> Result<Found, InputError> {
         let mut packets = match recorded {
             Recorded::File(path) => Packets::read(path, None, array),
             Recorded::Npy(bytes) => Packets::parse(bytes),
@@ -180,11 +182,15 @@ impl Asked {
             packets.set_emitters(bytes)?;
         }
         let (lines, left) = switched::find(&packets, array, self.looks)?;
+        let (count, looks) = (packets.count(), self.looks);
+        let mut warnings = Vec::new();
         // Nobody chooses who sends when: an incomplete group of a transmitter is no error.
         if self.emitter.is_none() || lines.is_empty() {
-            self.refuse_left(left, packets.count(), "packets")?;
+            self.refuse_left(left, count, "packets")?;
+        } else if left != 0 {
+            warnings.push(format!("{left} of {count} packets make no group of {looks} of one transmitter"));
         }
-        Ok(lines)
+        Ok((Lines::Radio(lines), warnings))
     }
 
     fn refuse_left(&self, left: usize, count: usize, what: &str) -> Result<(), InputError> {
@@ -221,9 +227,13 @@ pub(crate) fn bearings<'py>(
     let asked = Asked { looks, emitter: bytes(emitter, "int32")?, yaw: bytes(yaw_rad, "float64")?, independent };
     let (array, recorded) = (array.get(), Recorded::of(samples)?);
     let table = Table::new(py);
-    match work(py, |_| asked.find(array, &recorded))? {
-        Found::Codes(lines) => add_lines(&table, &lines, |line| line)?,
-        Found::Radio(lines) => {
+    let (lines, warnings) = work(py, |_| asked.find(array, &recorded))?;
+    for text in warnings {
+        py.import("warnings")?.call_method1("warn", (text,))?;
+    }
+    match lines {
+        Lines::Codes(lines) => add_lines(&table, &lines, |line| line)?,
+        Lines::Radio(lines) => {
             add_lines(&table, &lines, |line| &line.line)?;
             if asked.emitter.is_some() || lines.iter().any(|line| line.emitter.is_some()) {
                 table.add("emitter", "i4", lines.iter().map(|line| line.emitter.unwrap_or_default()))?;

@@ -90,6 +90,8 @@ class Bearings(unittest.TestCase):
         self.assert_same(foxhound.bearings(array, str(adc)), array, "--adc", adc)
 
         yaw_rad = np.linspace(0, 3, 16)
+        with self.assertWarnsRegex(UserWarning, "side_m is close to half a wavelength"):
+            foxhound.bearings(foxhound.Array(**SQUARE | {"side_m": 0.17}), frames)
         table = foxhound.bearings(array, np.asfortranarray(frames), looks=4, yaw_rad=yaw_rad, independent=True)
         yaw = self.save("yaw.npy", yaw_rad)
         self.assert_same(table, array, "--adc", adc, "--looks", 4, "--yaw", yaw, "--independent")
@@ -115,6 +117,8 @@ class Bearings(unittest.TestCase):
         table = foxhound.bearings(array, packets, emitter=emitter, looks=4)
         self.assert_same(table, array, *arguments, "--emitter", self.save("emitter.npy", emitter.astype(np.int32)))
         np.testing.assert_allclose(np.radians(table["azimuth_deg"]), [-2.0, 0.5] * 2, atol=0.1)
+        with self.assertWarnsRegex(UserWarning, "1 of 15 packets make no group of 2 of one transmitter"):
+            foxhound.bearings(array, packets[:15], emitter=emitter[:15], looks=2)
 
     def test_what_is_refused_is_named(self):
         array, frames = foxhound.Array(**SQUARE), np.zeros((3, 4, 64), np.int16)

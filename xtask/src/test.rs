@@ -315,6 +315,13 @@ mod tests {
     }
 
     #[test]
+    fn the_package_is_built_by_the_maturin_that_its_file_names() {
+        let file = include_str!("../../python/pyproject.toml");
+        let named = PEERS.iter().filter(|peer| file.contains(&format!("requires = [\"{peer}\"]"))).count();
+        assert_eq!(named, 1, "{file}");
+    }
+
+    #[test]
     fn the_table_has_every_stage_that_began_and_the_sum() {
         let mut stages = Stages::default();
         assert_eq!(stages.run("first", || Ok(3)).unwrap(), 3);

@@ -172,11 +172,8 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
     }
     let Some(adc) = &args.adc else { return Err(InputError::new("--adc: missing")) };
     let description = ArrayDescription::read(&args.array)?;
-    if description.array.build()?.is_nearly_ambiguous() {
-        warn("warning: side_m is close to half a wavelength: noise will turn some bearings round");
-    }
-    if description.array.calibration.is_some_and(|table| table.entries().is_empty()) {
-        warn("warning: [calibration] is damaged, its crc does not match: all bearings are uncalibrated");
+    for text in description.warnings()? {
+        warn(&format!("warning: {text}"));
     }
     let recording = Recording::read(adc)?;
     let frames = recording.frames().len();

@@ -361,6 +361,22 @@ impl ArrayDescription {
         Self::parse(&read_text(path)?).map_err(|error| error.in_file(path))
     }
 
+    /// What is allowed, but makes bearings worse than the user may expect.
+    ///
+    /// # Errors
+    /// A field that the core refuses.
+    pub fn warnings(&self) -> Result<Vec<&'static str>, InputError> {
+        let is_damaged = self.array.calibration.is_some_and(|table| table.entries().is_empty());
+        let all = [
+            (
+                self.array.build()?.is_nearly_ambiguous(),
+                "side_m is close to half a wavelength: noise will turn some bearings round",
+            ),
+            (is_damaged, "[calibration] is damaged, its crc does not match: all bearings are uncalibrated"),
+        ];
+        Ok(all.into_iter().filter(|(applies, _)| *applies).map(|(_, text)| text).collect())
+    }
+
     /// Checks the text of an array file.
     ///
     /// # Errors
