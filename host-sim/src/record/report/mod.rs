@@ -15,33 +15,46 @@
 //! Most of a page is the potential of its plans. That of the built-in mission is below 1.5 MB
 //! (`tests/cli/report.rs`).
 
+use std::io;
 use std::path::Path;
 
 use crate::scenario::input::InputError;
 use crate::scenario::output;
 
 mod beside;
+mod keep;
 mod live;
+mod pack;
+mod picture;
 pub mod record;
 mod recorder;
+mod signal;
 
 pub use beside::Beside;
+pub use keep::Kept;
 pub use live::Live;
+use record::Record;
 pub use recorder::Recorder;
 
 const HTML: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/page.css");
 /// In the order of their dependencies.
-const SCRIPTS: [&str; 7] = [
+const SCRIPTS: [&str; 11] = [
+    include_str!("page/unpack.js"),
     include_str!("page/data.js"),
     include_str!("page/draw.js"),
     include_str!("page/map.js"),
     include_str!("page/field.js"),
     include_str!("page/charts.js"),
+    include_str!("page/section.js"),
+    include_str!("page/heard.js"),
+    include_str!("page/space.js"),
     include_str!("page/tables.js"),
     include_str!("page/main.js"),
 ];
 
+/// The library that draws in space.
+const LIBRARY: &str = include_str!("page/vendor/ogl.min.js");
 /// Only in the live page.
 const LIVE_SCRIPT: &str = include_str!("page/live.js");
 const LIVE_POLICY: &str = "; connect-src 'self'";
@@ -55,15 +68,15 @@ enum Contact {
     Live,
 }
 
-/// The page with these records, lines of JSON, in it.
-#[must_use]
-pub fn page(lines: &[String]) -> String {
-    page_of(lines, Contact::None)
+/// The page with these records in it.
+///
+/// # Errors
+/// The records cannot be packed.
+pub fn page(records: &[Record]) -> io::Result<String> {
+    Ok(page_of(&pack::pack(records)?, Contact::None))
 }
 
-fn page_of(lines: &[String], contact: Contact) -> String {
-    // Inside a script element only this could end it; in JSON it occurs in strings only.
-    let records = lines.join(",\n").replace('<', "\\u003c");
+fn page_of(records: &str, contact: Contact) -> String {
     // One pass over the template: inserted text is not scanned again.
     let mut page = String::with_capacity(HTML.len() + STYLE.len() + records.len() + (1 << 16));
     let mut rest = HTML;
@@ -72,7 +85,8 @@ fn page_of(lines: &[String], contact: Contact) -> String {
         page.push_str(before);
         match name {
             "style" => page.push_str(STYLE),
-            "records" => page.push_str(&records),
+            "records" => page.push_str(records),
+            "library" => page.push_str(LIBRARY),
             "scripts" => {
                 page.push_str(&SCRIPTS.concat());
                 page.push_str(if contact == Contact::Live { LIVE_SCRIPT } else { "" });
@@ -90,8 +104,9 @@ fn page_of(lines: &[String], contact: Contact) -> String {
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn write(path: &Path, lines: &[String]) -> Result<(), InputError> {
-    output::write(path, page(lines).as_bytes())
+pub fn write(path: &Path, kept: &Kept) -> Result<(), InputError> {
+    let page = page(kept.records()).map_err(|error| InputError::new(format!("{}: {error}", path.display())))?;
+    output::write(path, page.as_bytes())
 }
 
 #[cfg(test)]

@@ -81,9 +81,18 @@ const CHARTS = [
     ],
   },
   {
-    title: "Outcome, guard, plans", unit: "", lanes: [
+    title: "Height", unit: "m", zero: true,
+    series: [
+      { name: "beacon", kind: "level", color: "green", at: () => flight.begin.beacon_height_m, value: () => number(flight.begin.beacon_height_m, 2) },
+      { name: "sees the pad", kind: "dots", color: "red", points: stepSeries((s) => (s.landing && s.landing.sees_pad ? s.height_m : undefined)), value: (s) => (s.landing && s.landing.sees_pad ? "yes" : "no") },
+      { name: "vehicle", kind: "line", color: "blue", points: stepSeries((s) => s.height_m), value: (s) => number(s.height_m, 2) },
+    ],
+  },
+  {
+    title: "Outcome, guard, landing, plans", unit: "", lanes: [
       { name: "outcome", color: (s) => outcomeColor(s.outcome), value: (s) => words(s.outcome) },
-      { name: "guard", color: (s) => guardColor(s.guard), value: (s) => s.guard },
+      { name: "guard", color: (s) => guardColor(s.guard), value: (s) => (s.guard_reason ? `${s.guard}: ${s.guard_reason}` : s.guard) },
+      { name: "landing", color: (s) => (s.landing ? stageColor(s) : "quiet"), value: (s) => (s.landing ? words(s.landing.stage) : "none") },
     ],
     series: [],
   },
@@ -246,6 +255,7 @@ function drawLanes(chart, context, height) {
     for (const [from, to, step] of runs(lane.color)) {
       context.fillStyle = colors[lane.color(step)];
       context.fillRect(x(from), top + 3, Math.max(x(to) - x(from), 1), tall - 8);
+      writeInBand(context, lane.value(step), [x(from), top + 3, x(to) - x(from), tall - 8]);
     }
     write(context, lane.name, 2, top + tall / 2, { color: colors.faint, base: "middle", size: 9.5 });
   });
@@ -257,6 +267,14 @@ function drawLanes(chart, context, height) {
     if (plan.origin === "sampled") context.fillRect(x(plan.time_s) - 1, top + 3, 2, tall - 8);
     else disc(context, [x(plan.time_s), top + tall / 2 - 1], 4, { fill: color });
   }
+}
+
+/** A band's name in it, as far as it fits: whole, or up to its reason. */
+function writeInBand(context, text, [left, top, wide, high]) {
+  context.font = '600 10px system-ui, "DejaVu Sans", sans-serif';
+  const fits = [text, text.split(":")[0]].find((one) => context.measureText(one).width < wide - 8);
+  if (!fits || fits === "none") return;
+  write(context, fits, left + 4, top + high / 2 + 0.5, { color: colors.panel, base: "middle", size: 10, weight: "600" });
 }
 
 /** Runs of steps of the same colour: from, to, the first step. */

@@ -21,21 +21,27 @@ function draw() {
   wanted = { all: false };
   const step = flight.steps[replay.index];
   const plan = step && latest(flight.plans, step.time_s);
+  const detailed = step && (latest(flight.detailed, step.time_s) ?? flight.detailed[0]);
   if (all) {
     readColors();
     CHARTS.forEach(drawChart);
   }
   drawScale();
   drawMap(byId("map"), replay.index);
-  drawField(byId("field"), plan ?? flight.plans[0], step);
-  drawPicture(step && latest(flight.pictures, step.time_s));
+  drawSpace(byId("space"), step, plan);
+  drawField(byId("field"), detailed, step);
+  drawHeardSignal(step);
+  drawSection(byId("section"), replay.index);
+  drawPictures(step);
   drawStrip(byId("strip"), replay.index);
   markCharts(step);
   showNow(step);
-  showPlan(plan);
-  byId("field-words").textContent = plan ? fieldWords(plan) : "";
+  showPlan(plan, detailed);
+  byId("field-words").textContent = plan && detailed ? fieldWords(detailed) : "";
   markEvents(step ? step.time_s : 0);
   tell(step, plan);
+  // For whoever measures: when the first picture was there.
+  document.documentElement.dataset.firstPicture ??= performance.now().toFixed(0);
 }
 
 /** What the pictures show, in words, and as data for whoever tests or scripts the page. */
@@ -54,6 +60,7 @@ function tell(step, plan) {
   const slider = byId("time");
   slider.value = String(replay.index);
   slider.setAttribute("aria-valuetext", `${seconds(step.time_s)}, ${words(step.outcome)}`);
+  if (!replay.playing) tellAloud(`${seconds(step.time_s)}: ${words(step.outcome)}, guard ${step.guard}${step.guard_reason ? `, ${step.guard_reason}` : ""}. ${step.height_m.toFixed(1)} metres high, ${step.truth_m.toFixed(1)} metres from the beacon.`);
   byId("clock").textContent = `${step.time_s.toFixed(2)} / ${duration_s().toFixed(2)} s`;
 }
 
@@ -115,12 +122,48 @@ function onKey(event) {
   const keys = {
     " ": () => play(!replay.playing), ",": () => toPlan(-1), ".": () => toPlan(1), ArrowLeft: () => goTo(replay.index - far),
     ArrowRight: () => goTo(replay.index + far), Home: () => goTo(0), End: () => goTo(flight.steps.length - 1),
+    m: () => showTab("map"), 3: () => showTab("space"), p: () => showTab("field"), s: () => showTab("signal"), v: () => showTab("section"),
   };
   if (!keys[event.key] || (event.key === " " && takesSpace)) return;
   // The slider's own keys do the same, but for Shift.
   if (isSlider && /^(Home|End)$/.test(event.key)) return;
   keys[event.key]();
   event.preventDefault();
+}
+
+/** Brings the pane of a tab to the front of those beside it. */
+function showTab(name) {
+  const chosen = byId(`tab-${name}`);
+  for (const tab of chosen.parentElement.children) {
+    const isChosen = tab === chosen;
+    tab.setAttribute("aria-selected", String(isChosen));
+    tab.tabIndex = isChosen ? 0 : -1;
+    byId(tab.getAttribute("aria-controls")).hidden = !isChosen;
+  }
+  redraw(true);
+}
+
+/** Tabs: a press, or arrows between them. */
+function setUpTabs() {
+  for (const tab of document.querySelectorAll('[role="tab"]')) {
+    tab.addEventListener("click", () => showTab(tab.id.slice(4)));
+    tab.addEventListener("keydown", (event) => {
+      const other = { ArrowLeft: tab.previousElementSibling, ArrowRight: tab.nextElementSibling }[event.key];
+      if (!["ArrowLeft", "ArrowRight"].includes(event.key)) return;
+      event.preventDefault();
+      event.stopPropagation();
+      if (!other) return;
+      showTab(other.id.slice(4));
+      other.focus();
+    });
+  }
+}
+
+/** Says what is shown once the cursor stands, for those who do not see it. */
+let telling = 0;
+function tellAloud(text) {
+  clearTimeout(telling);
+  telling = setTimeout(() => (byId("told").textContent = text), 600);
 }
 
 /** Light or dark: as the system has it, until somebody chooses. */
@@ -154,6 +197,7 @@ refresh = () => {
     Object.assign(camera, { fitted: !camera.follows });
     showParameters();
     fromAddress();
+    if (begin.scenario.landing) showTab("section");
   }
   // Whoever looks at the end goes on looking at the end.
   replay.index = replay.atEnd ? end : Math.min(replay.index, end);
@@ -179,8 +223,12 @@ function copyCommand() {
 
 function setUp() {
   setUpTheme();
+  setUpTabs();
   setUpMap(byId("map"), redraw.bind(null, false));
+  setUpSpace(byId("space"), redraw.bind(null, false));
   setUpField(byId("field"), redraw.bind(null, false));
+  setUpSection(byId("section"), goTo);
+  setUpPictures(seek);
   setUpCharts(seek);
   scrub(byId("strip"), { left: THUMB, right: THUMB }, seek);
   byId("time").addEventListener("input", (event) => goTo(Number(event.target.value)));
@@ -198,4 +246,4 @@ function setUp() {
 }
 
 setUp();
-JSON.parse(byId("records").textContent).forEach(add);
+unpack(byId("records").textContent).then((records) => records.forEach(add));

@@ -6,7 +6,7 @@ const LAYERS = [
   ["tracks", "what is followed, and giving way to it", "orange"],
   ["view", "field of view", "sky"],
   ["samples", "sampled trajectories", "blue"],
-  ["plans", "plans before", "orange"],
+  ["plans", "the last 100 plans", "orange"],
   ["belief", "where the source may be", "purple"],
   ["heard", "bearing heard", "green"],
   ["potential", "potential", "yellow"],
@@ -28,6 +28,9 @@ function missed_deg(step) {
 function most(of) {
   return flight.steps.reduce((most, step) => Math.max(most, of(step) || 0), 1e-3);
 }
+
+/** In a long flight the earlier ones would cover each other. */
+const PLANS_SHOWN = 100;
 
 /** The part of the plane that is seen: its middle, and pixels to a metre; `fitted` until somebody moves it. */
 const camera = { x_m: 0, y_m: 0, scale: 50, fitted: true, follows: false };
@@ -71,7 +74,8 @@ function drawMap(canvas, index) {
   const plan = latest(flight.plans, time_s);
   const picture = { context, width, height, at, time_s, step, plan };
 
-  if (shown.has("potential") && plan) drawPotential(picture);
+  const detailed = latest(flight.detailed, time_s);
+  if (shown.has("potential") && detailed) drawPotential({ ...picture, plan: detailed });
   drawGrid(picture);
   if (shown.has("view") && step) drawView(picture);
   if (shown.has("pillars")) drawPillars(picture);
@@ -169,9 +173,10 @@ function drawTracks({ context, at, time_s, step }) {
   }
 }
 
-/** Every plan so far, and its target. */
+/** The plans before, and their targets. */
 function drawPlans({ context, at, time_s }) {
-  for (const plan of flight.plans.slice(0, indexAt(flight.plans, time_s))) {
+  const end = Math.max(indexAt(flight.plans, time_s), 0);
+  for (const plan of flight.plans.slice(Math.max(end - PLANS_SHOWN, 0), end)) {
     line(context, [plan.start_m, ...plan.waypoints_m].map(at), { color: colors.orange, alpha: 0.35, width: 1.2 });
     disc(context, at(plan.target_m), 2.6, { fill: colors.ground, stroke: colors.orange, alpha: 0.6 });
   }
@@ -258,13 +263,19 @@ function drawHeard({ context, at, step }) {
   line(context, [at([x, y]), end(heard.bearing_deg)], { color: colors.green, alpha: 0.8, dash: [6, 4] });
 }
 
+const PATH_POINTS = 6000;
+
 /** What was flown, coloured; what is still to come, faint. */
 function drawPath({ context, at }, index) {
   const by = PATH_BY[document.getElementById("path-by").value];
   const [low, high] = by.range();
-  const places = flight.steps.map((step) => at(step.place_m));
-  line(context, places.slice(Math.max(index, 0)), { color: colors.faint, alpha: 0.7, width: 1.2, dash: [1, 4] });
-  const flown = places.slice(0, index + 1);
+  // Of a long flight some steps.
+  const every = Math.ceil(flight.steps.length / PATH_POINTS);
+  const path = flight.steps.filter((_, k) => k % every === 0 || k === index);
+  const here = path.indexOf(flight.steps[index]);
+  const places = path.map((step) => at(step.place_m));
+  line(context, places.slice(Math.max(here, 0)), { color: colors.faint, alpha: 0.7, width: 1.2, dash: [1, 4] });
+  const flown = places.slice(0, here + 1);
   line(context, flown, { color: colors.ground, width: 6.5, alpha: 0.9 });
   context.save();
   context.lineCap = "round";
@@ -273,7 +284,7 @@ function drawPath({ context, at }, index) {
   const piece = Math.ceil(flown.length / 1500);
   for (let from = 0; from + 1 < flown.length; from += piece) {
     const to = Math.min(from + piece, flown.length - 1);
-    context.strokeStyle = ramp((by.value(flight.steps[to]) - low) / (high - low));
+    context.strokeStyle = ramp((by.value(path[to]) - low) / (high - low));
     context.beginPath();
     context.moveTo(...flown[from]);
     for (let k = from + 1; k <= to; k += 1) context.lineTo(...flown[k]);
@@ -293,38 +304,6 @@ function drawVehicle({ context, at, step }) {
   line(context, [place, nose], { color: colors.ink, width: 2 });
   arrow(context, place, shaft(step.setpoint_mps), { color: colors.faint, width: 1.6 });
   arrow(context, place, shaft(step.velocity_mps), { color: colors.ink, width: 2.2 });
-}
-
-/** What the camera saw, with a circle round what is taken for the pad. */
-function drawPicture(picture) {
-  const panel = document.getElementById("camera-panel");
-  panel.hidden = !picture;
-  if (!picture) return;
-  const canvas = document.getElementById("camera");
-  const lines = picture.pixels.length / 6 / picture.columns;
-  if (canvas.dataset.time !== String(picture.time_s)) {
-    [canvas.width, canvas.height] = [picture.columns, lines];
-    const context = canvas.getContext("2d");
-    const image = context.createImageData(picture.columns, lines);
-    for (let pixel = 0; pixel < picture.columns * lines; pixel += 1) {
-      for (let part = 0; part < 3; part += 1) {
-        image.data[4 * pixel + part] = parseInt(picture.pixels.substr(6 * pixel + 2 * part, 2), 16);
-      }
-      image.data[4 * pixel + 3] = 255;
-    }
-    context.putImageData(image, 0, 0);
-    if (picture.pad) {
-      const [column, line, radius] = picture.pad;
-      context.strokeStyle = "#ffffff";
-      context.beginPath();
-      context.arc(column, line, radius, 0, 2 * Math.PI);
-      context.stroke();
-    }
-    canvas.dataset.time = String(picture.time_s);
-  }
-  const text = `${picture.seen}, from ${picture.height_m.toFixed(2)} m at ${picture.time_s.toFixed(1)} s`;
-  canvas.setAttribute("aria-label", `Picture of the camera: ${text}`);
-  document.getElementById("camera-words").textContent = text;
 }
 
 /** The scale of the path's colours. */
