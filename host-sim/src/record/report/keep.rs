@@ -6,7 +6,6 @@
 //! |---|---|
 //! | step | one in [`STEPS`], that in which the guard did the most; the last; every one in which the outcome or the stage of the landing changes, and every one nearer to a pillar than all before |
 //! | plan | every one; with its samples, particles, circles and potential one in [`DETAILS_S`] |
-//! | signal | one in [`SIGNALS_S`] |
 //! | obstacle map | one in [`MAPS_S`] |
 //! | people, tracks | one in [`MOVING_S`] |
 //! | picture | one in [`PICTURES_S`]; in the landing, every one |
@@ -17,7 +16,6 @@ use super::record::{Plan, Record, Step, Thin, Thinned};
 const LONG_S: f64 = 300.0;
 const STEPS: u64 = 5;
 const DETAILS_S: f64 = 5.0;
-const SIGNALS_S: f64 = 1.0;
 const MAPS_S: f64 = 2.0;
 const MOVING_S: f64 = 0.5;
 const PICTURES_S: f64 = 20.0;
@@ -37,7 +35,6 @@ pub struct Kept {
     kept_s: f64,
     steps: Rate,
     details: Rate,
-    signals: Rate,
     maps: Rate,
     people: Rate,
     tracks: Rate,
@@ -98,8 +95,7 @@ impl Kept {
                 self.records.extend([Record::Thinned(thinned), Record::End(end)]);
                 return;
             }
-            Record::Begin(_) | Record::Thinned(_) => true,
-            Record::Signal(ref signal) => self.signals.keeps(signal.time_s, SIGNALS_S),
+            Record::Begin(_) | Record::Signal(_) | Record::Thinned(_) => true,
             Record::Remembered(ref map) => self.maps.keeps(map.time_s, MAPS_S),
             Record::People(ref people) => self.people.keeps(people.time_s, MOVING_S),
             Record::Tracks(ref tracks) => self.tracks.keeps(tracks.time_s, MOVING_S),
@@ -164,7 +160,6 @@ impl Kept {
         let what = [
             ("steps", &self.steps),
             ("details of plans", &self.details),
-            ("signals", &self.signals),
             ("obstacle maps", &self.maps),
             ("places of people", &self.people),
             ("tracks", &self.tracks),

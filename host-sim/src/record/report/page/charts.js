@@ -207,15 +207,42 @@ function drawOne(series, points, { context, x, y, width }) {
   if (series.kind === "level") {
     line(context, [[EDGE.left, y(series.at())], [width - EDGE.right, y(series.at())]], { ...style, width: 1.1, dash: [2, 3] });
   } else if (series.kind === "dots") {
-    const there = points.filter((point) => Number.isFinite(point[1]));
+    const there = apart(points.filter((point) => Number.isFinite(point[1])), x, y);
     const size = there.length > 300 ? 2.4 : 3.6;
     context.fillStyle = style.color;
     context.globalAlpha = there.length > 300 ? 0.55 : 0.9;
     for (const [time_s, value] of there) context.fillRect(x(time_s) - size / 2, y(value) - size / 2, size, size);
     context.globalAlpha = 1;
   } else {
-    for (const piece of pieces(points)) drawPiece(series, piece, style, { context, x, y });
+    for (const piece of pieces(points)) drawPiece(series, perPixel(piece, x), style, { context, x, y });
   }
+}
+
+/** Of more points than a picture can show: in every column of pixels the first, the last, the least and the greatest. */
+function perPixel(points, x) {
+  if (points.length < 2000) return points;
+  const columns = [];
+  for (const point of points) {
+    const column = Math.round(x(point[0]));
+    const group = last(columns);
+    if (!group || group.column !== column) columns.push({ column, first: point, least: point, greatest: point, last: point });
+    else {
+      group.last = point;
+      if (point[1] < group.least[1]) group.least = point;
+      if (point[1] > group.greatest[1]) group.greatest = point;
+    }
+  }
+  return columns.flatMap(({ first, least, greatest, last: end }) => [...new Set([first, least, greatest, end])].sort((a, b) => a[0] - b[0]));
+}
+
+/** Of more dots than a picture can show: those that do not lie on another. */
+function apart(points, x, y) {
+  if (points.length < 2000) return points;
+  const taken = new Set();
+  return points.filter(([time_s, value]) => {
+    const cell = Math.round(x(time_s)) * 10_000 + Math.round(y(value));
+    return !taken.has(cell) && taken.add(cell);
+  });
 }
 
 function drawPiece(series, piece, style, { context, x, y }) {
@@ -327,11 +354,25 @@ function describeCharts() {
   }
 }
 
-/** The strip above the slider: the outcomes, and a tick for every plan. */
+/** The strip above the slider: the outcomes, what the guard did, and a tick for every plan. All but the cursor is drawn once. */
+const strip = { kept: null, key: "" };
+
 function drawStrip(canvas, index) {
   const { context, width, height } = prepare(canvas);
-  const span_s = duration_s() || 1;
-  const x = (time_s) => THUMB + ((width - 2 * THUMB) * time_s) / span_s;
+  if (!width) return;
+  const x = (time_s) => THUMB + ((width - 2 * THUMB) * time_s) / (duration_s() || 1);
+  const key = [width, height, flight.steps.length, flight.plans.length, colors.ink].join();
+  if (strip.key !== key) {
+    paintStrip(context, x, height);
+    strip.kept ??= document.createElement("canvas");
+    [strip.kept.width, strip.kept.height, strip.key] = [canvas.width, canvas.height, key];
+    strip.kept.getContext("2d").drawImage(canvas, 0, 0);
+  } else context.drawImage(strip.kept, 0, 0, width, height);
+  const step = flight.steps[index];
+  if (step) line(context, [[x(step.time_s), 0], [x(step.time_s), height]], { color: colors.ink, width: 1.5 });
+}
+
+function paintStrip(context, x, height) {
   for (const [from, to, step] of runs((s) => outcomeColor(s.outcome))) {
     context.fillStyle = colors[outcomeColor(step.outcome)];
     context.fillRect(x(from), height - 5, Math.max(x(to) - x(from), 1), 5);
@@ -343,8 +384,6 @@ function drawStrip(canvas, index) {
   }
   context.fillStyle = colors.orange;
   for (const plan of flight.plans) context.fillRect(x(plan.time_s) - 0.75, 0, 1.5, 6);
-  const step = flight.steps[index];
-  if (step) line(context, [[x(step.time_s), 0], [x(step.time_s), height]], { color: colors.ink, width: 1.5 });
 }
 
 /** Half the width of a slider's thumb, by which its track is shorter than it. */

@@ -1,6 +1,8 @@
 // Playing, keys, themes: what moves the time, and what is drawn when it has moved.
 
-const replay = { begin: null, index: 0, playing: false, atEnd: true, since_ms: 0, from_s: 0 };
+const replay = { begin: null, index: 0, playing: false, atEnd: true, since_ms: 0, from_s: 0, drawn_ms: 0 };
+const stillness = window.matchMedia("(prefers-reduced-motion: reduce)");
+const STILL_MS = 250;
 let wanted = { all: true };
 let pending = false;
 
@@ -95,7 +97,10 @@ function tick(now_ms) {
   if (!replay.playing) return;
   const passed_s = (Math.max(now_ms - replay.since_ms, 0) / 1000) * Number(byId("rate").value);
   const index = indexAt(flight.steps, replay.from_s + passed_s);
-  if (index !== replay.index) {
+  // Where little motion is wanted the pictures change a few times a second only.
+  const waits = stillness.matches && now_ms - replay.drawn_ms < STILL_MS && index < flight.steps.length - 1;
+  if (index !== replay.index && !waits) {
+    replay.drawn_ms = now_ms;
     replay.index = Math.max(index, 0);
     redraw();
   }
@@ -118,10 +123,11 @@ function onKey(event) {
   if (target.matches('input[type="search"], select')) return;
   const isSlider = target.id === "time";
   const takesSpace = target.matches("button, summary, input[type=checkbox]");
-  const far = event.shiftKey ? Math.round(1 / flight.begin.tick_s) : 1;
+  const time_s = flight.steps[replay.index]?.time_s ?? 0;
+  const move = (way) => (event.shiftKey ? seek(time_s + way) : goTo(replay.index + way));
   const keys = {
-    " ": () => play(!replay.playing), ",": () => toPlan(-1), ".": () => toPlan(1), ArrowLeft: () => goTo(replay.index - far),
-    ArrowRight: () => goTo(replay.index + far), Home: () => goTo(0), End: () => goTo(flight.steps.length - 1),
+    " ": () => play(!replay.playing), ",": () => toPlan(-1), ".": () => toPlan(1), ArrowLeft: () => move(-1),
+    ArrowRight: () => move(1), Home: () => goTo(0), End: () => goTo(flight.steps.length - 1),
     m: () => showTab("map"), 3: () => showTab("space"), p: () => showTab("field"), s: () => showTab("signal"), v: () => showTab("section"),
   };
   if (!keys[event.key] || (event.key === " " && takesSpace)) return;

@@ -143,8 +143,22 @@ function drawView({ context, at, step }) {
   context.restore();
 }
 
-function drawPillars({ context, at, time_s }) {
+function drawPillars({ context, at, time_s, width, height }) {
+  const [west, south, east, north] = seen({ width, height });
+  // From far away a pillar is a dot; all of these are one shape.
+  context.fillStyle = colors["pillar-edge"];
+  context.beginPath();
   for (const [x, y, r] of pillarsAt(time_s)) {
+    if (x + r < west || x - r > east || y + r < south || y - r > north) continue;
+    const size = r * camera.scale;
+    if (size < 1) {
+      const [left, top] = at([x, y]);
+      context.rect(left - size, top - size, 2 * size, 2 * size);
+    }
+  }
+  context.fill();
+  for (const [x, y, r] of pillarsAt(time_s)) {
+    if (r * camera.scale < 1 || x + r < west || x - r > east || y + r < south || y - r > north) continue;
     disc(context, at([x, y]), r * camera.scale, { fill: colors.pillar, stroke: colors["pillar-edge"], width: 1.2 });
   }
 }
@@ -263,7 +277,7 @@ function drawHeard({ context, at, step }) {
   line(context, [at([x, y]), end(heard.bearing_deg)], { color: colors.green, alpha: 0.8, dash: [6, 4] });
 }
 
-const PATH_POINTS = 6000;
+const PATH_POINTS = 2500;
 
 /** What was flown, coloured; what is still to come, faint. */
 function drawPath({ context, at }, index) {

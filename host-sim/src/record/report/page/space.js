@@ -14,11 +14,14 @@ const ABOVE_M = 0.8;
 const inSpace = ([x, y], height_m) => [x, height_m, -y];
 
 const SHADED = {
-  vertex: `attribute vec3 position; attribute vec3 normal; uniform mat4 modelViewMatrix; uniform mat4 projectionMatrix;
-    uniform mat3 normalMatrix; varying vec3 vNormal;
-    void main() { vNormal = normalize(normalMatrix * normal); gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }`,
-  fragment: `precision mediump float; uniform vec3 uColor; uniform float uAlpha; varying vec3 vNormal;
-    void main() { gl_FragColor = vec4(uColor * (0.62 + 0.38 * abs(dot(normalize(vNormal), vec3(0.4, 0.75, 0.53)))), uAlpha); }`,
+  vertex: `attribute vec3 position; attribute vec3 normal; attribute vec3 place; attribute vec3 size; attribute vec3 rgb;
+    uniform mat4 viewMatrix; uniform mat4 projectionMatrix; varying vec3 vNormal; varying vec3 vColor;
+    void main() {
+      vNormal = normal; vColor = rgb;
+      gl_Position = projectionMatrix * viewMatrix * vec4(position * size + place, 1.0);
+    }`,
+  fragment: `precision mediump float; uniform float uAlpha; varying vec3 vNormal; varying vec3 vColor;
+    void main() { gl_FragColor = vec4(vColor * (0.6 + 0.25 * abs(vNormal.y) + 0.15 * dot(normalize(vNormal), vec3(0.7, 0.0, 0.7))), uAlpha); }`,
 };
 const FLAT = {
   vertex: `attribute vec3 position; uniform mat4 modelViewMatrix; uniform mat4 projectionMatrix;
@@ -48,8 +51,8 @@ function beginSpace(canvas) {
   return space.scene;
 }
 
-/** A mesh with a colour of its own. Meshes that are drawn alike share a program. */
-function meshOf(geometry, { shading = SHADED, mode, alpha = 1 } = {}) {
+/** A mesh. Those that are drawn alike share a program. */
+function meshOf(geometry, { shading, mode, alpha }) {
   const { gl, root, programs } = space.scene;
   const key = `${shading === SHADED} ${alpha}`;
   const uniforms = { uColor: { value: [0, 0, 0] }, uAlpha: { value: alpha } };
@@ -60,19 +63,28 @@ function meshOf(geometry, { shading = SHADED, mode, alpha = 1 } = {}) {
   return mesh;
 }
 
-/** Shows as many bodies of a kind as wanted: place, size along x, y and z, colour. */
+/** Removes what is drawn anew. */
+function discard(mesh, kept = []) {
+  mesh.setParent(null);
+  // What several share stays.
+  for (const name of kept) delete mesh.geometry.attributes[name];
+  mesh.geometry.remove();
+}
+
+const SHARED = ["position", "normal", "index"];
+
+/** Shows bodies of a kind, all in one go: place, size along x, y and z, colour of each. */
 function bodies(name, solid, list, alpha = 1) {
-  const { pools, solid: solids } = space.scene;
-  const pool = (pools[name] ??= []);
-  while (pool.length < list.length) pool.push(meshOf(solids[solid], { alpha }));
-  pool.forEach((mesh, index) => {
-    mesh.visible = index < list.length;
-    if (!mesh.visible) return;
-    const [place, size, color] = list[index];
-    mesh.position.set(...place);
-    mesh.scale.set(...size);
-    mesh.rgb = rgbOf(color);
-  });
+  const { gl, pools, solid: solids } = space.scene;
+  const values = [0, 1].map((part) => list.flatMap((body) => body[part])).concat([list.flatMap((body) => rgbOf(body[2]))]);
+  const key = values.map((part) => part.join()).join(";");
+  const before = pools[name];
+  if (before?.key === key) return;
+  if (before) discard(before.mesh, SHARED);
+  const { position, normal, index } = solids[solid].attributes;
+  const [place, size, rgb] = values.map((part) => ({ instanced: 1, size: 3, data: new Float32Array(part) }));
+  pools[name] = { key, mesh: meshOf(new ogl.Geometry(gl, { position, normal, index, place, size, rgb }), { shading: SHADED, alpha }) };
+  pools[name].mesh.visible = list.length > 0;
 }
 
 /** A cylinder that stands on the ground. */
@@ -81,21 +93,20 @@ const standing = ([x, y, r], height_m, color) => [inSpace([x, y], height_m / 2),
 /** Lines, or triangles, between points, made anew where `key` has changed. */
 function strokes(name, key, points, color, { alpha = 1, mode = "LINES" } = {}) {
   const { gl, lines } = space.scene;
-  const last = lines[name];
-  if (!last || last.key !== key) {
-    if (last) {
-      last.mesh.setParent(null);
-      last.mesh.geometry.remove();
-    }
+  if (lines[name]?.key !== key) {
+    if (lines[name]) discard(lines[name].mesh);
     const data = new Float32Array(points().flat());
-    const geometry = new ogl.Geometry(gl, { position: { size: 3, data } });
-    lines[name] = { key, mesh: meshOf(geometry, { shading: FLAT, mode: gl[mode], alpha }), count: data.length / 3 };
+    const mesh = meshOf(new ogl.Geometry(gl, { position: { size: 3, data } }), { shading: FLAT, mode: gl[mode], alpha });
+    lines[name] = { key, mesh, count: data.length / 3 };
   }
   const { mesh, count } = lines[name];
   mesh.visible = count > 0;
   mesh.rgb = rgbOf(color);
   return mesh;
 }
+
+/** An upright ribbon along a path, so that it is wide enough to be seen. */
+const ribbon = (path, half_m = 0.025) => path.flatMap(([x, y, z]) => [[x, y + half_m, z], [x, y - half_m, z]]);
 
 /** Pairs of points from one of a path to the next. */
 const links = (path) => path.slice(1).flatMap((place, index) => [path[index], place]);
@@ -129,10 +140,10 @@ function drawWay(step) {
   const key = `${path.length},${last(path)?.time_s}`;
   const place = (s) => inSpace(s.place_m, s.height_m);
   strokes("way", key, () => links(path.map(place)), "quiet");
-  const flown = strokes("flown", key, () => links(path.map(place)), "blue");
+  const flown = strokes("flown", key, () => ribbon(path.map(place)), "blue", { mode: "TRIANGLE_STRIP" });
   const curtain = strokes("curtain", key, () => path.flatMap((s) => [place(s), inSpace(s.place_m, 0)]), "blue", { alpha: 0.22, mode: "TRIANGLE_STRIP" });
   const index = Math.max(indexAt(path, step.time_s), 0);
-  flown.geometry.setDrawRange(0, 2 * index);
+  flown.geometry.setDrawRange(0, 2 * (index + 1));
   curtain.geometry.setDrawRange(0, 2 * (index + 1));
   flown.visible = curtain.visible = index > 0;
 }
@@ -143,8 +154,9 @@ function drawPlanInSpace(step, plan) {
   const samples = (wanted) => (plan ? plan.samples.filter((sample) => sample.feasible === wanted).flatMap((sample) => path(sample.waypoints_m)) : []);
   strokes("feasible", key, () => samples(true), "sky", { alpha: 0.7 });
   strokes("refused", key, () => samples(false), "quiet", { alpha: 0.7 });
-  strokes("plan", key, () => (plan && plan.origin !== "brake" ? path(plan.waypoints_m) : []), "orange");
-  bodies("waypoints", "sphere", plan && plan.origin !== "brake" ? plan.waypoints_m.map((place) => [inSpace(place, step.height_m), [0.07, 0.07, 0.07], "orange"]) : []);
+  const followed = plan && plan.origin !== "brake" ? [plan.start_m, ...plan.waypoints_m].map((place) => inSpace(place, step.height_m)) : [];
+  strokes("plan", key, () => ribbon(followed), "orange", { mode: "TRIANGLE_STRIP" });
+  bodies("waypoints", "sphere", followed.map((place) => [place, [0.07, 0.07, 0.07], "orange"]));
   bodies("target", "sphere", plan ? [[inSpace(plan.target_m, step.height_m), [0.16, 0.16, 0.16], "orange"]] : []);
 }
 

@@ -103,7 +103,8 @@ function showNow(step) {
   byId("now-time").textContent = seconds(step.time_s);
   fillRows(byId("now"), [
     ["outcome", words(step.outcome)],
-    ["guard", step.guard_reason ? `${step.guard}: ${step.guard_reason}` : step.guard],
+    ["guard", step.guard],
+    ["its reason", step.guard_reason ?? "none needed"],
     ["place, east and north", inMetres(step.place_m)],
     ["height, climb", `${step.height_m.toFixed(2)} m, ${step.climb_mps.toFixed(2)} m/s`],
     ...(step.landing ? [["landing", `${words(step.landing.stage)}${step.landing.sees_pad ? ", sees the pad" : ""}`]] : []),

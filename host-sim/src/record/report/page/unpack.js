@@ -5,7 +5,8 @@ async function unpack(text) {
   const packed = text.trim();
   if (!packed) return [];
   const binary = atob(packed);
-  const gzip = Uint8Array.from({ length: binary.length }, (_, index) => binary.charCodeAt(index));
+  const gzip = new Uint8Array(binary.length);
+  for (let index = 0; index < gzip.length; index += 1) gzip[index] = binary.charCodeAt(index);
   const stream = new Blob([gzip]).stream().pipeThrough(new DecompressionStream("gzip"));
   const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
   const end = bytes.indexOf(10);
@@ -56,6 +57,7 @@ function reader(shape, columns) {
   if (name === "nothing") return () => undefined;
   if (name === "list") {
     const lengths = cursor(columns.shift());
+    if (what.number !== undefined) return numberLists(lengths, columns.shift(), 10 ** what.number);
     const each = reader(what, columns);
     return () => {
       const length = lengths();
@@ -84,6 +86,17 @@ function reader(shape, columns) {
   if (name === "text") return () => what[next()];
   const scale = 10 ** what;
   return () => next() / scale;
+}
+
+/** Lists of numbers, which are most of what there is. */
+function numberLists(lengths, column, scale) {
+  let at = 0;
+  const values = column.map((value) => value / scale);
+  return () => {
+    const length = lengths();
+    at += length;
+    return Array.from(values.subarray(at - length, at));
+  };
 }
 
 function cursor(column) {
