@@ -353,7 +353,11 @@ fn a_long_flight_is_thinned_as_the_page_says_and_an_hour_of_it_is_small() {
     assert_eq!(plans.len() as u64, flown.printed["replans"].as_u64().unwrap());
     let detailed = plans.iter().filter(|plan| plan.get("field").is_some()).count();
     assert_eq!((plans.len(), detailed), of("details of plans"));
-    assert!(plans.iter().all(|plan| plan.get("thinned").is_some_and(|thinned| *thinned == true) == plan.get("field").is_none()));
+    assert!(
+        plans
+            .iter()
+            .all(|plan| plan.get("thinned").is_some_and(|thinned| *thinned == true) == plan.get("field").is_none())
+    );
     assert!((50..80).contains(&detailed), "{detailed}");
 }
 
@@ -406,7 +410,8 @@ fn a_landing_is_in_the_report_with_its_heights_stages_pictures_and_the_guards_re
     stages.dedup();
     assert!(stages.windows(2).any(|pair| pair == ["centring", "descending"]), "{stages:?}");
     let descends = steps.iter().filter(|step| step["landing"]["stage"] == "descending");
-    let (seen, all) = descends.fold((0, 0), |(seen, all), step| (seen + i32::from(step["landing"]["sees_pad"] == true), all + 1));
+    let (seen, all) =
+        descends.fold((0, 0), |(seen, all), step| (seen + i32::from(step["landing"]["sees_pad"] == true), all + 1));
     assert!(all > 100 && seen * 10 > all * 9, "{seen} of {all}");
     let pictures: Vec<&Value> = flown.of_kind("picture").collect();
     assert!(pictures.len() > 30, "{}", pictures.len());

@@ -112,8 +112,7 @@ impl Kept {
     fn step(&mut self, step: Step) {
         self.steps.all += 1;
         let stage = |step: &Step| step.landing.map(|landing| landing.stage);
-        let changes =
-            self.last.as_ref().is_none_or(|last| last.outcome != step.outcome || stage(last) != stage(&step));
+        let changes = self.last.as_ref().is_none_or(|last| last.outcome != step.outcome || stage(last) != stage(&step));
         let is_nearer = step.clearance_m.is_some_and(|metres| self.nearest_m.is_none_or(|least_m| metres < least_m));
         self.last = Some(step.clone());
         if is_nearer {

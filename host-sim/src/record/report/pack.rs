@@ -350,3 +350,43 @@ impl Column {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_number_has_as_many_places_as_it_needs() {
+        assert_eq!([0.0, 12.0, -0.5, 1.234, 0.00001].map(places), [0, 0, 1, 3, 5]);
+        assert_eq!((whole(-1.234, 3), whole(1e6, 0)), (-1234, 1_000_000));
+    }
+
+    #[test]
+    fn smooth_columns_become_small_differences() {
+        let column = |values: Vec<i64>| Column { values, group: None };
+        assert_eq!(column(vec![5; 100]).lags(), [1, 0]);
+        assert_eq!(column((0..100).map(|x| x * x).collect()).lags(), [1, 1]);
+        // A bowl on a raster: its rows differ by a constant.
+        let bowl = (0..9_i64).flat_map(|row| (0..9_i64).map(move |column| row * row * 100 + column * column * 70));
+        let raster = Column { values: bowl.collect(), group: Some(81) };
+        assert_eq!(raster.lags(), [9, 1]);
+        let mut bytes = Vec::new();
+        column(vec![0, -1, 1, 300]).write([0, 0], &mut bytes);
+        assert_eq!(bytes, [0, 1, 2, 0xd8, 0x04]);
+    }
+
+    #[test]
+    fn lists_of_another_length_and_missing_fields_keep_their_places() {
+        let mut shape = Shape::default();
+        let rows =
+            [json!({ "a": [1, 2], "b": 1.5 }), json!({ "a": [], "c": "x" }), json!({ "a": [1, 2, 3], "b": null })];
+        rows.iter().for_each(|row| shape.learn(row));
+        shape.settle();
+        let head = json!({ "fields": [["a", 0, { "list": { "number": 0 } }], ["b", 1, { "number": 1 }], ["c", 1, { "text": ["x"] }]] });
+        assert_eq!(shape.head(), head);
+        let mut columns = vec![Column::default(); shape.columns()];
+        rows.iter().for_each(|row| shape.shred(row, &mut columns, 0));
+        let values: Vec<&[i64]> = columns.iter().map(|column| column.values.as_slice()).collect();
+        assert_eq!(values, [&[2, 0, 3][..], &[1, 2, 1, 2, 3], &[1, 0, 0], &[15], &[0, 1, 0], &[0]]);
+    }
+}

@@ -6,7 +6,7 @@ const LAYERS = [
   ["tracks", "what is followed, and giving way to it", "orange"],
   ["view", "field of view", "sky"],
   ["samples", "sampled trajectories", "blue"],
-  ["plans", "the last 100 plans", "orange"],
+  ["plans", "the last 50 plans", "orange"],
   ["belief", "where the source may be", "purple"],
   ["heard", "bearing heard", "green"],
   ["potential", "potential", "yellow"],
@@ -30,13 +30,16 @@ function most(of) {
 }
 
 /** In a long flight the earlier ones would cover each other. */
-const PLANS_SHOWN = 100;
+const PLANS_SHOWN = 50;
 
 /** The part of the plane that is seen: its middle, and pixels to a metre; `fitted` until somebody moves it. */
 const camera = { x_m: 0, y_m: 0, scale: 50, fitted: true, follows: false };
 
-/** Bounds that hold the map and everything flown. */
+/** Bounds that hold the map and everything flown; found anew when there are more steps. */
+const bounded = { begin: null, steps: 0, box: [] };
+
 function bounds() {
+  if (bounded.begin === flight.begin && bounded.steps === flight.steps.length) return bounded.box;
   const box = [...flight.begin.scenario.bounds];
   const stretch = ([x, y]) => {
     box[0] = Math.min(box[0], x - 0.3);
@@ -47,6 +50,7 @@ function bounds() {
   flight.steps.forEach((step) => stretch(step.place_m));
   stretch(beaconAt(0));
   stretch(beaconAt(duration_s()));
+  Object.assign(bounded, { begin: flight.begin, steps: flight.steps.length, box });
   return box;
 }
 
@@ -145,21 +149,16 @@ function drawView({ context, at, step }) {
 
 function drawPillars({ context, at, time_s, width, height }) {
   const [west, south, east, north] = seen({ width, height });
-  // From far away a pillar is a dot; all of these are one shape.
+  const dots = new Set();
   context.fillStyle = colors["pillar-edge"];
-  context.beginPath();
   for (const [x, y, r] of pillarsAt(time_s)) {
     if (x + r < west || x - r > east || y + r < south || y - r > north) continue;
-    const size = r * camera.scale;
-    if (size < 1) {
-      const [left, top] = at([x, y]);
-      context.rect(left - size, top - size, 2 * size, 2 * size);
-    }
-  }
-  context.fill();
-  for (const [x, y, r] of pillarsAt(time_s)) {
-    if (r * camera.scale < 1 || x + r < west || x - r > east || y + r < south || y - r > north) continue;
-    disc(context, at([x, y]), r * camera.scale, { fill: colors.pillar, stroke: colors["pillar-edge"], width: 1.2 });
+    if (r * camera.scale < 1) {
+      // From far away pillars are dots, and several are one.
+      const [left, top] = at([x, y]).map(Math.round);
+      if (!dots.has(left * 10_000 + top)) context.fillRect(left, top, 1, 1);
+      dots.add(left * 10_000 + top);
+    } else disc(context, at([x, y]), r * camera.scale, { fill: colors.pillar, stroke: colors["pillar-edge"], width: 1.2 });
   }
 }
 
@@ -283,9 +282,16 @@ const PATH_POINTS = 2500;
 function drawPath({ context, at }, index) {
   const by = PATH_BY[document.getElementById("path-by").value];
   const [low, high] = by.range();
-  // Of a long flight some steps.
+  // Of a long flight some steps, and none that would be drawn on the one before.
   const every = Math.ceil(flight.steps.length / PATH_POINTS);
-  const path = flight.steps.filter((_, k) => k % every === 0 || k === index);
+  let before = [Infinity, Infinity];
+  const path = flight.steps.filter((step, k) => {
+    if (k === index) return true;
+    const [dx, dy] = [step.place_m[0] - before[0], step.place_m[1] - before[1]];
+    if (k % every || Math.hypot(dx, dy) * camera.scale < 0.7) return false;
+    before = step.place_m;
+    return true;
+  });
   const here = path.indexOf(flight.steps[index]);
   const places = path.map((step) => at(step.place_m));
   line(context, places.slice(Math.max(here, 0)), { color: colors.faint, alpha: 0.7, width: 1.2, dash: [1, 4] });
