@@ -28,6 +28,14 @@ const followedCost = (plan) => (plan && plan.cost !== undefined ? [plan.cost] : 
  */
 const CHARTS = [
   {
+    title: "Outcome, guard, landing, plans", unit: "", lanes: [
+      { name: "outcome", color: (s) => outcomeColor(s.outcome), value: (s) => words(s.outcome) },
+      { name: "guard", color: (s) => guardColor(s.guard), value: (s) => (s.guard_reason ? `${s.guard}: ${s.guard_reason}` : s.guard) },
+      { name: "landing", color: (s) => (s.landing ? stageColor(s) : "quiet"), value: (s) => (s.landing ? words(s.landing.stage) : "none") },
+    ],
+    series: [],
+  },
+  {
     title: "Error of the bearing", unit: "deg", symmetric: true, robust: true,
     series: [
       { name: "2 sigma", kind: "band", color: "green", points: stepSeries(twoSigma_deg), value: (s) => number(twoSigma_deg(s), 2) },
@@ -88,14 +96,6 @@ const CHARTS = [
       { name: "vehicle", kind: "line", color: "blue", points: stepSeries((s) => s.height_m), value: (s) => number(s.height_m, 2) },
     ],
   },
-  {
-    title: "Outcome, guard, landing, plans", unit: "", lanes: [
-      { name: "outcome", color: (s) => outcomeColor(s.outcome), value: (s) => words(s.outcome) },
-      { name: "guard", color: (s) => guardColor(s.guard), value: (s) => (s.guard_reason ? `${s.guard}: ${s.guard_reason}` : s.guard) },
-      { name: "landing", color: (s) => (s.landing ? stageColor(s) : "quiet"), value: (s) => (s.landing ? words(s.landing.stage) : "none") },
-    ],
-    series: [],
-  },
 ];
 
 const number = (value, places) => (value === undefined || value === null || Number.isNaN(value) ? "none" : value.toFixed(places));
@@ -108,7 +108,7 @@ function setUpCharts(seek) {
   const room = document.getElementById("charts");
   for (const chart of CHARTS) {
     const figure = document.createElement("figure");
-    figure.className = "panel chart";
+    figure.className = chart.lanes ? "panel chart wide" : "panel chart";
     const caption = document.createElement("figcaption");
     const title = document.createElement("strong");
     title.textContent = chart.unit ? `${chart.title}, ${chart.unit}` : chart.title;
@@ -300,7 +300,7 @@ function drawLanes(chart, context, height) {
 function writeInBand(context, text, [left, top, wide, high]) {
   context.font = '600 10px system-ui, "DejaVu Sans", sans-serif';
   const fits = [text, text.split(":")[0]].find((one) => context.measureText(one).width < wide - 8);
-  if (!fits || fits === "none") return;
+  if (!fits || fits === "none" || fits === "passed") return;
   write(context, fits, left + 4, top + high / 2 + 0.5, { color: colors.panel, base: "middle", size: 10, weight: "600" });
 }
 
