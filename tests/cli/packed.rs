@@ -1,4 +1,5 @@
 //! Unpacks the records of a report, after the format in `host-sim/src/record/report/pack.rs`.
+#![expect(clippy::panic, clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::collections::VecDeque;
 use std::io::Read as _;
