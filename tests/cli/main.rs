@@ -8,6 +8,7 @@ mod interrupted;
 mod live;
 mod logs;
 mod maps_and_suites;
+mod packed;
 mod parameters;
 mod python;
 mod report;

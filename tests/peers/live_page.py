@@ -4,15 +4,15 @@ Usage: live_page.py ADDRESS --report FLIGHT.html    (the file that the same flig
        live_page.py ADDRESS --cut PID               (ends that process in flight)
 """
 
-import json
 import os
 import pathlib
-import re
 import shutil
 import signal
 import sys
 
 from playwright.sync_api import sync_playwright
+
+from report_records import records_of
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 END_WITHIN_S = 120
@@ -124,7 +124,7 @@ def watch(browser):
         if file.exists() and file.read_text().rstrip().endswith("</html>"):
             break
         early.wait_for_timeout(50)
-    records = json.loads(re.search(r'id="records">(.*?)</script>', file.read_text(), re.S).group(1))
+    records = records_of(file.read_text())
     for page in (early, late, opened(browser)):
         is_whole(page, records)
     asked = len(requests)

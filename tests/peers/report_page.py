@@ -8,18 +8,22 @@ The second makes the picture of the manual:
     target/venv/bin/python tests/peers/report_page.py out/flight.html --screenshot docs/report.png
 """
 
-import json
 import os
 import pathlib
-import re
 import shutil
 import sys
 
+import cv2
+import numpy
 from playwright.sync_api import sync_playwright
+
+from report_records import records_of
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 DESK = {"width": 1440, "height": 900}
-PHONES = ({"width": 390, "height": 844}, {"width": 320, "height": 568})
+PHONES = ({"width": 390, "height": 844}, {"width": 360, "height": 740}, {"width": 320, "height": 568})
+# WebGL without a graphics card.
+FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 # What an eye tells apart side by side, in units of CIE Lab, is 2 to 3.
 APART = 10
 # Machado, Oliveira and Fernandes (2009), severity 1: linear red, green and blue as the two commonest colour-blind see them.
@@ -29,9 +33,14 @@ BLIND = {
 }
 
 path = pathlib.Path(sys.argv[1]).resolve()
-records = json.loads(re.search(r'id="records">(.*?)</script>', path.read_text(), re.S).group(1))
+records = records_of(path.read_text())
+# As they came: the header, by time, the end.
+records = records[:1] + sorted(records[1:-1], key=lambda record: record.get("time_s", 1e9)) + records[-1:]
 steps = [record for record in records if record["kind"] == "step"]
 plans = [record for record in records if record["kind"] == "plan"]
+signals = [record for record in records if record["kind"] == "signal"]
+pictures = [record for record in records if record["kind"] == "picture"]
+thinned = [record for record in records if record["kind"] == "thinned"]
 begin, end = records[0], records[-1]
 troubles, requests = [], []
 
@@ -66,6 +75,11 @@ def at(page):
     """The step that is shown."""
     settle(page)
     return int(page.locator("#map").get_attribute("data-step"))
+
+
+def at_time(time_s):
+    """The last step that is not later."""
+    return max(index for index, step in enumerate(steps) if step["time_s"] <= time_s + 1e-9)
 
 
 def shows(page, index):
@@ -107,13 +121,14 @@ def use_keys(page):
     press("ArrowRight")
     check(shows(page, 2), "an arrow is a step")
     press("Shift+ArrowRight")
-    check(shows(page, 52), "with Shift a second")
+    second = at_time(steps[2]["time_s"] + 1)
+    check(shows(page, second), "with Shift a second")
     press("ArrowLeft")
-    check(shows(page, 51), "and back")
-    after = [plan for plan in plans if plan["time_s"] > steps[51]["time_s"] + 1e-6]
+    check(shows(page, second - 1), "and back")
+    after = [plan for plan in plans if plan["time_s"] > steps[second - 1]["time_s"] + 1e-6]
     if after:
         press(".")
-        check(abs(steps[at(page)]["time_s"] - after[0]["time_s"]) < 1e-6, "a full stop is the next replan")
+        check(at(page) == at_time(after[0]["time_s"]), "a full stop is the next replan")
     press("End")
     check(shows(page, len(steps) - 1), "End is the end")
     page.locator("#time").focus()
@@ -122,19 +137,24 @@ def use_keys(page):
     press("ArrowRight")
     check(shows(page, 1), "a step there too, and not two")
     press("Space")
-    page.wait_for_timeout(600)
+    # A busy machine draws few pictures.
+    for _ in range(100):
+        page.wait_for_timeout(300)
+        if at(page) > 5:
+            break
     press("Space")
     index = at(page)
-    check(5 < index < len(steps) - 1, f"Space plays: step {index} after 0.6 s and some")
+    check(5 < index < len(steps) - 1, f"Space plays: step {index}")
     page.wait_for_timeout(300)
     check(at(page) == index, "and Space pauses")
 
 
 def use_potential(page):
     page.evaluate("location.hash = '#t=6'")
+    page.locator("#tab-field").click()
     settle(page)
     canvas, index, first = page.locator("#field"), at(page), pixels(page, "field")
-    shown = [plan for plan in plans if plan["time_s"] <= steps[index]["time_s"] + 1e-6][-1]
+    shown = [plan for plan in plans if plan["time_s"] <= steps[index]["time_s"] + 1e-6 and "thinned" not in plan][-1]
     canvas.focus()
     page.keyboard.press("ArrowLeft")
     page.keyboard.press("ArrowUp")
@@ -168,6 +188,9 @@ def use_map(page):
     check(nearer != first, "plus zooms")
     page.keyboard.press("0")
     check(pixels(page, "map") == first, "0 fits it again")
+    if thinned:
+        # On the map of a long flight the vehicle is smaller than a pixel.
+        page.locator("#zoom-follow").click()
     for box in page.locator("#layers input").all():
         before = pixels(page, "map")
         box.focus()
@@ -182,6 +205,7 @@ def use_map(page):
 
 
 def is_named(page):
+    page.locator("#tab-field").click()
     nameless = page.evaluate("""() => [...document.querySelectorAll('button, input, select, canvas[role], summary, [tabindex]')]
         .filter((e) => !(e.getAttribute('aria-label') || e.getAttribute('aria-labelledby') || (e.labels && e.labels.length) || e.textContent.trim()))
         .map((e) => e.outerHTML)""")
@@ -191,7 +215,7 @@ def is_named(page):
     for _ in range(60):
         seen.add(page.evaluate("document.activeElement.id"))
         page.keyboard.press("Tab")
-    wanted = {"path-by", "map", "field", "play", "time", "rate", "copy", "theme"}
+    wanted = {"path-by", "tab-map", "map", "tab-field", "field", "play", "time", "rate", "copy", "theme"}
     check(wanted <= seen, f"Tab comes by {sorted(wanted)} {sorted(wanted - seen)}")
 
 
@@ -211,7 +235,15 @@ def holds_what_was_flown(page):
     check(page.locator("#name").inner_text() == " ".join(begin["scenario"]["name"].split()), "the name, as text")
     check(page.evaluate("document.images.length") == 0, "no markup out of the records")
     run = page.locator("#run").inner_text()
-    check(end["report"]["trace_hash"] in run and f"{len(steps)} of 20 ms" in run, "trace hash and number of steps")
+    check(end["report"]["trace_hash"] in run and f"{end['steps']} of 20 ms" in run, "trace hash and number of steps")
+    note = page.locator("#thinned")
+    check(note.is_visible() == bool(thinned), "what was left out is said where something was")
+    for row in thinned[0]["what"] if thinned else []:
+        check(f"{row['kept']} of {row['all']} {row['what']}" in note.inner_text(), f"of the {row['what']}")
+    held = page.evaluate("({steps: flight.steps, plans: flight.plans.map(({field, ...rest}) => rest), signals: flight.signals, pictures: flight.pictures})")
+    bare = [{key: value for key, value in plan.items() if key != "field"} for plan in plans]
+    for kind, ours in (("steps", steps), ("plans", bare), ("signals", signals), ("pictures", pictures)):
+        check(held[kind] == ours, f"the page has unpacked the same {len(ours)} {kind}")
     check(page.locator("#command").inner_text() == begin["command"], "the command that made it")
     check(page.locator("#parameters tbody tr").count() == len(begin["parameters"]), "all parameters")
     one = page.evaluate("[...document.querySelectorAll('canvas')].filter((c) => !c.width || !c.height).length")
@@ -245,6 +277,142 @@ def fits(page, width):
     check(not small, f"everything is large enough for a finger {small}")
 
 
+def shot(page, canvas):
+    """The pixels of a canvas, as somebody sees them."""
+    settle(page)
+    return cv2.imdecode(numpy.frombuffer(page.locator(f"#{canvas}").screenshot(), numpy.uint8), cv2.IMREAD_COLOR)
+
+
+def is_drawn(page, canvas, text):
+    kinds = len(numpy.unique(shot(page, canvas).reshape(-1, 3), axis=0))
+    check(kinds > 8, f"drawn, in {kinds} colours: {text}")
+
+
+def use_tabs(page):
+    page.locator("#tab-map").focus()
+    page.keyboard.press("ArrowRight")
+    check(page.evaluate("document.activeElement.id") == "tab-space", "an arrow leads from tab to tab")
+    check(page.locator("#space").is_visible() and not page.locator("#map").is_visible(), "and brings its pane to the front")
+    page.locator("h1").click()
+    for key, canvas in (("s", "spectrum"), ("v", "section"), ("p", "field"), ("m", "map"), ("3", "space")):
+        page.keyboard.press(key)
+        check(page.locator(f"#{canvas}").is_visible(), f"`{key}` shows the {canvas}")
+
+
+def use_space(page):
+    page.locator("#tab-space").click()
+    is_drawn(page, "space", "the view in space")
+    canvas = page.locator("#space")
+    label = canvas.get_attribute("aria-label")
+    check(f"{steps[at(page)]['height_m']:.2f} metres high" in label, f"it says `{label}`")
+    for act, text in (
+        (lambda: canvas.press("ArrowLeft"), "an arrow turns it"),
+        (lambda: canvas.press("+"), "plus zooms"),
+        (lambda: canvas.press("r"), "R rides along"),
+        (lambda: page.locator("#space-follow").click(), "it follows"),
+        (lambda: canvas.press("0"), "0 shows all"),
+    ):
+        before, index = shot(page, "space"), at(page)
+        act()
+        check((shot(page, "space") != before).any() and at(page) == index, f"in space {text}, and the time stays")
+    box, before = canvas.bounding_box(), shot(page, "space")
+    page.mouse.move(box["x"] + 100, box["y"] + 100)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 200, box["y"] + 130, steps=4)
+    page.mouse.up()
+    dragged = shot(page, "space")
+    check((dragged != before).any(), "a drag turns it")
+    page.mouse.wheel(0, -300)
+    check((shot(page, "space") != dragged).any(), "the wheel zooms")
+    before = shot(page, "space")
+    page.locator("h1").click()
+    page.keyboard.press("Home")
+    check((shot(page, "space") != before).any(), "another time is another picture")
+    page.locator("#tab-map").click()
+
+
+def use_signal(page):
+    page.locator("#tab-signal").click()
+    page.evaluate("location.hash = '#t=1'")
+    settle(page)
+    said = page.locator("#signal-words").inner_text()
+    if not signals:
+        check("no waveforms" in said, f"without waveforms it says `{said}`")
+        return
+    signal = [one for one in signals if one["time_s"] <= steps[at(page)]["time_s"] + 1e-6][-1]
+    loudest = max(range(64), key=lambda bin: signal["spectrum_db"][bin])
+    is_drawn(page, "spectrum", "the spectrum")
+    label = page.locator("#spectrum").get_attribute("aria-label")
+    check(f"loudest at {(loudest + 0.5) * begin['bin_hz'] / 1000:.1f} kHz" in label, f"it says `{label}`")
+    if "tone" in signal:
+        is_drawn(page, "phases", "the phases")
+        check(all(f"{deg:.1f} deg" in said for deg in signal["tone"]["phases_deg"]), f"the phases are those recorded: `{said}`")
+
+
+def use_section(page):
+    page.locator("#tab-section").click()
+    is_drawn(page, "section", "the vertical section")
+    canvas = page.locator("#section")
+    box = canvas.bounding_box()
+    page.mouse.click(box["x"] + 0.5 * box["width"], box["y"] + box["height"] / 2)
+    index = at(page)
+    check(float(canvas.get_attribute("data-height")) == steps[index]["height_m"], f"it shows the height at step {index}")
+    page.locator("h1").click()
+    page.keyboard.press("End")
+    at(page)
+    said = page.locator("#section-words").inner_text()
+    stage = steps[-1].get("landing", {}).get("stage", "")
+    check(said.startswith(f"{steps[-1]['height_m']:.2f} m high") and stage.replace("_", " ") in said, f"at the end it says `{said}`")
+    check(page.locator("#camera-panel").is_visible() == bool(pictures), "there is a camera where there are pictures")
+    if not pictures:
+        return
+    page.wait_for_selector("#camera[data-time]")
+    is_drawn(page, "camera", "the picture of the camera")
+    is_drawn(page, "film", "the film")
+    page.locator("#picture-before").click()
+    at(page)
+    check(f"{len(pictures) - 1} of {len(pictures)}" in page.locator("#camera-words").inner_text(), "the picture before can be chosen")
+
+
+def use_bands(page):
+    """The guard's actions and the outcomes over time, with their reasons in words."""
+    acts = [index for index, step in enumerate(steps) if "guard_reason" in step]
+    if not acts:
+        return
+    page.evaluate("(time_s) => seek(time_s)", steps[acts[len(acts) // 2]]["time_s"])
+    step = steps[at(page)]
+    text = f"{step['guard']}: {step['guard_reason']}"
+    check(text in page.locator("#charts").inner_text(), f"the band says `{text}`")
+    check(step["guard_reason"] in page.locator("#now").inner_text(), "and so do the numbers of the moment")
+    page.wait_for_timeout(700)
+    told = page.locator("#told").inner_text()
+    check(step["guard_reason"] in told and f"{step['height_m']:.1f} metres high" in told, f"a screen reader is told `{told}`")
+
+
+def has_names(page):
+    """What a screen reader finds: the roles with their names."""
+    tree = page.locator("body").aria_snapshot()
+    for wanted in ('tab "Map" [selected]', 'tab "3-D"', 'tab "Section"', 'slider "Time of the flight"', 'button "Play"', 'img "Map. ', 'status', 'combobox "Speed of the replay"'):
+        check(wanted in tree, f"a screen reader finds {wanted}")
+
+
+def is_fluent(page):
+    """Prints times; what takes them is bounded by what is drawn, which does not grow with the flight."""
+    first = page.evaluate("Number(document.documentElement.dataset.firstPicture)")
+    times = page.evaluate("""() => [0.1, 0.3, 0.5, 0.7, 0.9].map((share) => {
+        const since = performance.now();
+        replay.index = Math.round(share * (flight.steps.length - 1));
+        wanted = { all: false };
+        draw();
+        return performance.now() - since;
+    })""")
+    page.evaluate("goTo(flight.steps.length)")
+    print(f"{steps[-1]['time_s']:.0f} s of flight, {path.stat().st_size} bytes: first picture after {first:.0f} ms, the next in {max(times):.0f} ms at most")
+    check(page.locator("#events button").count() <= 1000, "the list of what happened stays short")
+    drawn = page.evaluate("CHARTS.flatMap((chart) => chart.series.filter((s) => s.kind === 'line').map((s) => perPixel(s.points(), chart.x).length))")
+    check(max(drawn) <= 4 * DESK["width"], f"no line of a chart has more points than pixels show: {max(drawn)}")
+
+
 def linear(color):
     channels = [int(color[k : k + 2], 16) / 255 for k in (1, 3, 5)]
     return [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
@@ -260,6 +428,10 @@ def lab(rgb):
     x, y, z = (sum(a * max(c, 0) for a, c in zip(row, rgb)) / w for row, w in zip(rows, white))
     f = [t ** (1 / 3) if t > 0.008856 else 7.787 * t + 16 / 116 for t in (x, y, z)]
     return 116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])
+
+
+def luma(color):
+    return [int(part) for part in color[4:-1].split(",")]
 
 
 def is_legible(page, theme):
@@ -281,26 +453,58 @@ def is_legible(page, theme):
 
 def use(browser):
     page = opened(browser, viewport=DESK)
+    is_fluent(page)
+    if begin["scenario"].get("landing"):
+        check(page.locator("#section").is_visible(), "with a landing it opens with the section")
+    has_names(page)
     use_slider(page)
     use_keys(page)
     holds_what_was_flown(page)
     use_potential(page)
     use_map(page)
+    use_tabs(page)
+    use_space(page)
+    use_signal(page)
+    use_section(page)
+    use_bands(page)
     use_events(page)
     is_named(page)
     is_legible(page, "light")
+    light = page.evaluate("getComputedStyle(document.body).backgroundColor")
     fits(page, DESK["width"])
     page.locator("#theme").click()
     is_legible(page, "dark")
+    dark = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    check(sum(luma(dark)) < 0.3 * sum(luma(light)), f"the ground goes from {light} to {dark}")
     takes_records_one_by_one(page)
     for size in PHONES:
         phone = opened(browser, viewport=size, device_scale_factor=2, is_mobile=True, has_touch=True, color_scheme="dark")
         is_legible(phone, "dark")
         fits(phone, size["width"])
+        for tab in ("space", "signal", "section", "map", "field"):
+            phone.evaluate(f"showTab('{tab}')")
+            settle(phone)
+            fits(phone, size["width"])
         phone.locator("#play").tap()
-        phone.wait_for_timeout(400)
+        for _ in range(100):
+            phone.wait_for_timeout(300)
+            if at(phone) > 0:
+                break
         phone.locator("#play").tap()
         check(0 < at(phone) < len(steps) - 1, "a tap plays")
+    still = opened(browser, viewport=DESK, reduced_motion="reduce")
+    seen = still.evaluate("""async () => {
+        const seen = new Set();
+        goTo(0);
+        play(true);
+        for (const until = performance.now() + 1000; performance.now() < until;) {
+            seen.add(replay.index);
+            await new Promise(requestAnimationFrame);
+        }
+        play(false);
+        return seen.size;
+    }""")
+    check(2 <= seen <= 6, f"where little motion is wanted playing shows {seen} pictures in a second")
     check(not troubles, f"no error on the console {troubles}")
     others = [url for url in requests if url != path.as_uri() and not url.startswith("data:")]
     others = [url for url in others if not url.startswith(path.as_uri() + "#")]
@@ -309,6 +513,11 @@ def use(browser):
 
 def picture(browser, target):
     page = opened(browser, "#t=7.6", viewport={"width": 1280, "height": 880})
+    page.locator("#tab-space").click()
+    page.locator("#space").press("+")
+    page.locator("#space").press("+")
+    page.locator("#tab-signal").click()
+    page.locator("h1").click()
     settle(page)
     page.screenshot(path=target)
     size = os.path.getsize(target)
@@ -319,7 +528,7 @@ with sync_playwright() as play:
     program = next(filter(None, map(shutil.which, BROWSERS)), None)
     check(program, "there is a Chromium")
     # Its sandbox does not work for root; nothing foreign is opened.
-    browser = play.chromium.launch(executable_path=program, args=["--no-sandbox"])
+    browser = play.chromium.launch(executable_path=program, args=list(FLAGS))
     if len(sys.argv) > 2:
         picture(browser, sys.argv[3])
     else:

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use foxhound_sim::drive::flight::{Moment, Report};
-use foxhound_sim::record::report::{self, Live, Recorder};
+use foxhound_sim::record::report::{self, Kept, Live, Recorder};
 use foxhound_sim::scenario::input::InputError;
 
 use super::Cli;
@@ -38,8 +38,7 @@ impl LiveArgs {
 /// The record of a flight, and its readers.
 pub(super) struct Watched {
     recorder: Recorder,
-    lines: Vec<String>,
-    file: Option<PathBuf>,
+    file: Option<(PathBuf, Kept)>,
     live: Option<Live>,
 }
 
@@ -60,8 +59,8 @@ impl Watched {
         if let Some(live) = &live {
             warn(&format!("live: {}", live.address()));
         }
-        let file = file.map(Path::to_path_buf);
-        let mut watched = Self { recorder: recorder(), lines: Vec::new(), file, live };
+        let file = file.map(|path| (path.to_path_buf(), Kept::default()));
+        let mut watched = Self { recorder: recorder(), file, live };
         watched.show();
         Ok(Some(watched))
     }
@@ -78,7 +77,7 @@ impl Watched {
     pub(super) fn end(&mut self, report: &Report) -> Result<(), InputError> {
         self.recorder.end(report);
         self.show();
-        self.file.as_ref().map_or(Ok(()), |path| report::write(path, &self.lines))
+        self.file.as_ref().map_or(Ok(()), |(path, kept)| report::write(path, kept))
     }
 
     /// Keeps serving until Ctrl-C.
@@ -90,9 +89,13 @@ impl Watched {
     }
 
     fn show(&mut self) {
-        self.lines.extend(self.recorder.take_lines());
-        if let Some(live) = &mut self.live {
-            live.show(&self.lines);
+        for record in self.recorder.take() {
+            if let Some(live) = &self.live {
+                live.show(&record);
+            }
+            if let Some((_, kept)) = &mut self.file {
+                kept.add(record);
+            }
         }
     }
 }

@@ -20,6 +20,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant as WallInstant, SystemTime, UNIX_EPOCH};
 
 use foxhound_core::ConfigError;
+use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::{Bearing, Estimator};
 use foxhound_core::guidance::mission::{Behaviour, Outcome};
@@ -28,7 +29,7 @@ use foxhound_core::planning::planner;
 use foxhound_link::companion::Autopilot;
 use foxhound_link::signing::Key;
 
-use super::computer::{Computer, StepReport};
+use super::computer::{BLOCK, Computer, StepReport};
 use super::flight::{Ending, Mission, Moment, Report, TICK_S};
 use crate::autopilot::tlog;
 use crate::autopilot::transport::Line;
@@ -401,8 +402,8 @@ impl Flight<'_, '_> {
                 rx.extend(pause);
             }
 
-            let report = match self.step(computer, now, fix.as_ref(), &rx) {
-                Ok(report) => report,
+            let (report, snapshot) = match self.step(computer, now, fix.as_ref(), &rx) {
+                Ok(stepped) => stepped,
                 Err(complaint) => {
                     self.stand(pace);
                     // A stop from the terminal may have stopped the computer's process, too: then its error is not
@@ -437,6 +438,7 @@ impl Flight<'_, '_> {
                 sample,
                 output,
                 computer,
+                frame: snapshot.as_deref(),
                 picture: None,
             });
             watch(&news, moment.as_ref());
@@ -519,13 +521,14 @@ impl Flight<'_, '_> {
         self.note(now, tlog::Direction::ToAutopilot, frames);
     }
 
+    /// The computer's step, and the samples that it was given.
     fn step(
         &mut self,
         computer: &mut dyn Computer,
         now: Instant,
         fix: Option<&Fix>,
         rx: &[u8],
-    ) -> Result<StepReport, String> {
+    ) -> Result<(StepReport, Option<Box<AdcFrame<BLOCK>>>), String> {
         let heard = self.bearings.as_deref_mut().map(|bearings| bearings.poll(now));
         let snapshot = fix.filter(|_| heard.is_none()).map(|fix| self.senses.hear(now, fix));
         let front_end = match heard {
@@ -537,7 +540,7 @@ impl Flight<'_, '_> {
         self.wire.watch(now, &report.tx);
         self.say(now, &report.tx);
         self.tally.hear(&report.output, fix.filter(|_| self.config.is_source_known), report.plan.is_some());
-        Ok(report)
+        Ok((report, snapshot))
     }
 
     /// Stops the vehicle without a computer.

@@ -244,7 +244,8 @@ pub fn fly_until(
             path.push(sample);
             let picture = rig.downward.as_ref().and_then(|downward| downward.fresh(time_s));
             let (output, computer) = (&report.output, &*computer);
-            watch(&Moment { world: &rig.world, motion, sample: &sample, output, computer, picture });
+            let frame = heard.frame();
+            watch(&Moment { world: &rig.world, motion, sample: &sample, output, computer, frame, picture });
             clock = Clock::at(computer, tick + 1);
             let step_s = if computer.next_step_s().is_some() { clock.time_s - time_s } else { TICK_S };
             Ok::<_, FlightError>((Answer { tx: report.tx, step_s }, report.output))

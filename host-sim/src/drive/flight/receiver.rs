@@ -39,6 +39,16 @@ impl Reception {
     }
 }
 
+impl Reception {
+    /// The samples, if there are any.
+    pub(super) fn frame(&self) -> Option<&foxhound_core::base::adc::AdcFrame<BLOCK>> {
+        match self {
+            Self::Frame(snapshot) => Some(snapshot),
+            Self::Bearing(_) | Self::Nothing => None,
+        }
+    }
+}
+
 impl<'a> Receiver<'a> {
     pub(super) fn new(mission: &'a Mission) -> Self {
         let snr_db = mission.scenario.bearing.snr_db.unwrap_or(DEFAULT_SNR_DB);

@@ -3,13 +3,14 @@
 use std::fmt;
 
 use foxhound_computer::twin::Planned;
+use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::guidance;
 use foxhound_core::guidance::mission::Outcome;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::drive::computer::{Computer, ComputerError};
+use crate::drive::computer::{BLOCK, Computer, ComputerError};
 use crate::drive::landing::{Landing, Picture};
 use crate::scenario::Scenario;
 use crate::world::vehicle::Motion;
@@ -116,6 +117,8 @@ pub struct Moment<'a> {
     pub output: &'a guidance::Output,
     /// The computer, whose state may be read.
     pub computer: &'a dyn Computer,
+    /// The samples of the antennas, where the waveforms are simulated.
+    pub frame: Option<&'a AdcFrame<BLOCK>>,
     /// The latest picture of the camera that looks down, now and then.
     pub picture: Option<&'a Picture>,
 }

@@ -145,7 +145,12 @@ impl Log {
                 Record::Remembered(remembered) => self.remembered(&remembered),
                 Record::Plan(plan) => self.plan(&plan, place),
                 Record::Tracks(tracks) => self.tracks(&tracks, place),
-                Record::Begin(_) | Record::People(_) | Record::Picture(_) | Record::End(_) => {}
+                Record::Begin(_)
+                | Record::People(_)
+                | Record::Signal(_)
+                | Record::Picture(_)
+                | Record::Thinned(_)
+                | Record::End(_) => {}
             }
         }
     }
@@ -237,7 +242,9 @@ impl Log {
     fn plan(&mut self, plan: &Plan, place: Enu) {
         self.put(Topic::Plan, &message::plan(plan));
         self.put(Topic::Plans, &scene::plan(self.time_ns, plan, place.z));
-        self.put(Topic::Potential, &scene::potential(self.time_ns, &plan.field, place.z));
+        if let Some(field) = &plan.field {
+            self.put(Topic::Potential, &scene::potential(self.time_ns, field, place.z));
+        }
     }
 
     fn say(&mut self, level: Level, words: &str) {

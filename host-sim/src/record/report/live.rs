@@ -48,6 +48,7 @@ use tokio::task::{JoinSet, LocalSet};
 use tokio::time::{sleep, timeout};
 
 use super::Contact;
+use super::record::Record;
 use crate::scenario::input::InputError;
 
 /// Largest number of open connections.
@@ -68,7 +69,6 @@ const TEXT: &str = "text/plain; charset=utf-8";
 /// A served flight. The service ends when it is dropped.
 pub struct Live {
     records: Sender<String>,
-    shown: usize,
     port: u16,
 }
 
@@ -95,10 +95,10 @@ impl Live {
         listener.set_nonblocking(true).map_err(refused)?;
         let runtime = runtime::Builder::new_current_thread().enable_io().enable_time().build().map_err(refused)?;
         let (records, new) = mpsc::channel();
-        let served = Served { port, page: Bytes::from(super::page_of(&[], Contact::Live)), new, lines: Vec::new() };
+        let served = Served { port, page: Bytes::from(super::page_of("", Contact::Live)), new, lines: Vec::new() };
         let name = "live".to_owned();
         thread::Builder::new().name(name).spawn(move || serve(&runtime, listener, served)).map_err(refused)?;
-        Ok(Self { records, shown: 0, port })
+        Ok(Self { records, port })
     }
 
     /// Address of the page.
@@ -107,13 +107,15 @@ impl Live {
         format!("http://127.0.0.1:{}/", self.port)
     }
 
-    /// Offers the new records among all those so far.
-    pub fn show(&mut self, lines: &[String]) {
-        for line in lines.iter().skip(self.shown) {
-            // If the server has ended nothing is shown, and the flight continues.
-            let _ = self.records.send(line.clone());
-        }
-        self.shown = self.shown.max(lines.len());
+    /// Offers a record.
+    pub fn show(&self, record: &Record) {
+        // Numbers, text and lists of them always have a JSON form.
+        serde_json::to_string(record).into_iter().for_each(|line| self.send(line));
+    }
+
+    fn send(&self, line: String) {
+        // If the server has ended nothing is shown, and the flight continues.
+        let _ = self.records.send(line);
     }
 
     /// Keeps serving until it is stopped; for a moment longer if that was before.
@@ -288,11 +290,9 @@ mod tests {
 
     #[test]
     fn whoever_asks_is_told_the_records_that_he_has_not() {
-        let mut live = Live::open(0).unwrap();
+        let live = Live::open(0).unwrap();
         assert_eq!(get(&live, "/records?from=0").1, "");
-        live.show(&lines(0..3));
-        live.show(&lines(0..5));
-        live.show(&lines(0..5));
+        lines(0..5).into_iter().for_each(|line| live.send(line));
         let (head, body) = get(&live, "/records?from=0");
         assert!(head.starts_with("HTTP/1.1 200") && head.contains("content-type: application/x-ndjson"), "{head}");
         assert_eq!(body.lines().collect::<Vec<_>>(), lines(0..5));

@@ -9,6 +9,7 @@ use foxhound_core::base::ned;
 use foxhound_core::base::obstacle::Disc;
 use foxhound_core::control::guard::Action;
 use foxhound_core::doa::bearing::Flags;
+use foxhound_core::landing::Stage;
 use serde::Serialize;
 use serde_json::Value;
 
@@ -17,7 +18,7 @@ use crate::scenario::Scenario;
 use crate::world::Horizontal;
 
 /// Version of the format; a page and its records come from the same program.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// A line.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -35,8 +36,12 @@ pub enum Record {
     Tracks(Tracks),
     /// A replan.
     Plan(Box<Plan>),
+    /// What the antennas heard.
+    Signal(Signal),
     /// A picture of the camera that looks down.
     Picture(Picture),
+    /// What was left out of the file.
+    Thinned(Thinned),
     /// The last.
     End(End),
 }
@@ -67,6 +72,10 @@ pub struct Begin {
     pub margins_m: [f64; 2],
     /// Fastest setpoint.
     pub speed_max_mps: f64,
+    /// Height of the beacon over the local origin.
+    pub beacon_height_m: f64,
+    /// Width of a bin of a signal's spectrum.
+    pub bin_hz: f64,
     /// World and vehicle.
     pub scenario: Scenario,
     /// The pillars that walls are made of, at their true positions: x, y, radius.
@@ -97,12 +106,18 @@ pub struct Step {
     pub time_s: f64,
     /// True position of the vehicle; with a real autopilot, the reported one.
     pub place_m: Xy,
+    /// Its height over the local origin.
+    pub height_m: f64,
     /// Direction of its nose.
     pub yaw_deg: f64,
     /// Its true velocity.
     pub velocity_mps: Xy,
+    /// Its true velocity upwards.
+    pub climb_mps: f64,
     /// Commanded velocity.
     pub setpoint_mps: Xy,
+    /// Commanded velocity upwards.
+    pub setpoint_climb_mps: f64,
     /// Commanded yaw rate, clockwise.
     pub yaw_rate_degps: f64,
     /// The velocity with which it would give way to moving obstacles; `None` if it need not.
@@ -112,6 +127,12 @@ pub struct Step {
     pub outcome: &'static str,
     /// Action of the guard.
     pub guard: &'static str,
+    /// Its reason, where it did not just pass the command.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub guard_reason: Option<&'static str>,
+    /// The landing, once the vehicle has come near the beacon.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub landing: Option<Landing>,
     /// From the hull to the nearest pillar.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub clearance_m: Option<f64>,
@@ -134,6 +155,41 @@ pub struct Step {
     /// The temporary target.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub target_m: Option<Xy>,
+}
+
+/// The state of a landing.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Landing {
+    /// Its stage.
+    pub stage: Stage,
+    /// Why it hovers, or is back in this stage.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<&'static str>,
+    /// Whether the pad is seen.
+    pub sees_pad: bool,
+}
+
+/// What the antennas heard in a step.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Signal {
+    /// When.
+    pub time_s: f64,
+    /// The tone; `None` if there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tone: Option<Tone>,
+    /// Power in each bin from 0 Hz on, mean of the four antennas; 0 dB is a sine that fills the converter.
+    pub spectrum_db: Vec<i32>,
+}
+
+/// A tone at the four antennas.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Tone {
+    /// Its frequency.
+    pub frequency_hz: f64,
+    /// Amplitude at each antenna, in steps of the converter.
+    pub amplitudes: [f64; 4],
+    /// Phase at each antenna, after that at the first.
+    pub phases_deg: [f64; 4],
 }
 
 /// A bearing.
@@ -245,7 +301,11 @@ pub struct Plan {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub belief: Option<Belief>,
     /// The potential around the start.
-    pub field: Field,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub field: Option<Field>,
+    /// Whether its samples, circles, particles and potential were left out.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub thinned: bool,
     /// Hash over everything so far.
     pub trace: String,
 }
@@ -300,7 +360,7 @@ pub struct Field {
     pub mean: Vec<f64>,
 }
 
-/// A picture of the camera that looks down, every second pixel of every second line.
+/// A picture of the camera that looks down: every second pixel of every second line, in 16 shades of each colour.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Picture {
     /// When.
@@ -309,12 +369,35 @@ pub struct Picture {
     pub height_m: f64,
     /// Pixels in a line.
     pub columns: usize,
-    /// Red, green and blue of each, two digits of base 16 each, line by line.
-    pub pixels: String,
+    /// Lines.
+    pub rows: usize,
+    /// A PNG file, as Base64.
+    pub png: String,
     /// The detector's result, as text.
     pub seen: &'static str,
     /// The pad, if detected: column, line, radius, in pixels.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub pad: Option<[f64; 3]>,
+}
+
+/// What was left out of the file of a long flight.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Thinned {
+    /// From which duration on a flight is long.
+    pub from_s: f64,
+    /// Of what.
+    pub what: Vec<Thin>,
+}
+
+/// How many of some records are in the file.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Thin {
+    /// Of which.
+    pub what: &'static str,
+    /// How many there were.
+    pub all: u64,
+    /// How many there are.
+    pub kept: u64,
 }
 
 /// The end of the flight.
@@ -369,6 +452,17 @@ pub(super) const fn guard(action: Action) -> &'static str {
         Action::Limited => "limited",
         Action::Looking => "looking",
         Action::Braked => "braked",
+    }
+}
+
+/// Why the guard did what it did; `contradicts` if the limits of the obstacles contradict one another.
+pub(super) const fn guard_reason(action: Action, contradicts: bool) -> Option<&'static str> {
+    match action {
+        Action::Passed => None,
+        Action::Limited => Some("slowed, or deflected from an obstacle or the fence"),
+        Action::Looking => Some("waits until the nose has turned to where the sensor has not looked"),
+        Action::Braked if contradicts => Some("the limits of the obstacles contradict one another"),
+        Action::Braked => Some("no command is clear of the obstacles and inside the fence"),
     }
 }
 

@@ -1,34 +1,33 @@
 //! Watches a flight and makes its records.
 
-use std::fmt::Write as _;
-
-use foxhound_computer::camera;
 use foxhound_core::base::ned;
 use foxhound_core::base::obstacle::{Disc, Obstacle};
 use foxhound_core::guidance;
 use foxhound_core::guidance::param::{Id, TABLE, Values};
-use foxhound_core::landing::observation::Seen;
+use foxhound_core::landing as core_landing;
 use foxhound_core::mapping::tracks;
 use foxhound_core::planning::field;
 use foxhound_core::planning::planner::{self, SAMPLES, Verdict, Workspace};
 use foxhound_core::planning::rollout::Trajectory;
-use foxhound_pad::Detector;
 use foxhound_papers::apf::{self, NAMES};
 use serde_json::Value;
 
+use super::picture::Pictures;
 use super::record::{
-    Bearing, Begin, Belief, End, Field, Gains, Origin, Parameter, People, Picture, Plan, Record, Remembered, Sample,
-    Step, Track, Tracks, VERSION, circles, core_xy, degrees, finite, flags, guard, milli, rounded, xy,
+    Bearing, Begin, Belief, End, Field, Gains, Landing, Origin, Parameter, People, Plan, Record, Remembered, Sample,
+    Step, Track, Tracks, VERSION, circles, core_xy, degrees, finite, flags, guard, guard_reason, milli, rounded, xy,
 };
+use super::signal::{self, Signals};
 use crate::drive::computer::Considered;
-use crate::drive::flight::{self, Mission, Moment, Report, TICK_S};
-use crate::world::camera::watch;
+use crate::drive::flight::{Mission, Moment, Report, TICK_S};
 use crate::world::{Horizontal, Pillar};
 
 /// The obstacle map is recorded every so many steps: 5 Hz.
 const REMEMBERED_STEPS: u64 = 10;
 /// Moving objects are recorded every so many steps: 10 Hz.
 const MOVING_STEPS: u64 = 5;
+/// What is heard is recorded every so many steps: 5 Hz.
+const SIGNAL_STEPS: u64 = 10;
 /// Half the side of the raster of the potential, in steps, and the step: a little more than the horizon.
 const FIELD_HALF: i32 = 22;
 const FIELD_STEP_M: f32 = 0.1;
@@ -39,9 +38,10 @@ const PARTICLE_MIN: f32 = 1e-2;
 #[derive(Debug)]
 pub struct Recorder {
     config: planner::Config,
-    /// The detector for the camera's pictures, and the focal length over a picture's width.
-    detector: Option<Detector>,
-    focal_widths: f64,
+    pictures: Pictures,
+    signals: Signals,
+    /// Brakes of the guard because the limits of the obstacles contradict one another.
+    contradictions: u32,
     /// Time of the first step: a flight with an autopilot waits for it.
     begun_s: Option<f64>,
     steps: u64,
@@ -63,8 +63,9 @@ impl Recorder {
         let empty = Workspace::new();
         let mut recorder = Self {
             config: planner,
-            detector: camera::detector(config).ok(),
-            focal_widths: config.landing.unwrap_or_default().focal_widths.into(),
+            pictures: Pictures::new(config),
+            signals: Signals::new(config),
+            contradictions: 0,
             begun_s: None,
             steps: 0,
             drawn: Some((empty.gains, empty.samples)),
@@ -80,8 +81,14 @@ impl Recorder {
     /// Takes a step.
     pub fn watch(&mut self, moment: &Moment<'_>) {
         let time_s = milli(moment.sample.time_s - *self.begun_s.get_or_insert(moment.sample.time_s));
+        let contradictions = moment.output.guard_counts.not_converged;
+        let contradicts = contradictions != std::mem::replace(&mut self.contradictions, contradictions);
+        let guard_reason = guard_reason(moment.output.guard, contradicts);
         let step = step(moment, self.config.vehicle_radius_m);
-        self.records.push(Record::Step(Step { time_s, ..step }));
+        self.records.push(Record::Step(Step { time_s, guard_reason, ..step }));
+        if let Some(frame) = moment.frame.filter(|_| self.steps.is_multiple_of(SIGNAL_STEPS)) {
+            self.records.push(Record::Signal(self.signals.signal(time_s, frame)));
+        }
         if self.steps.is_multiple_of(REMEMBERED_STEPS) {
             let circles_m = circles(moment.computer.remembered().into_iter().map(Disc::from));
             if circles_m != self.remembered {
@@ -93,8 +100,7 @@ impl Recorder {
             self.watch_moving(moment, time_s);
         }
         if let Some(shown) = moment.picture {
-            self.records
-                .push(Record::Picture(Picture { time_s, ..picture(self.detector.as_ref(), self.focal_widths, shown) }));
+            self.records.extend(self.pictures.picture(time_s, shown).map(Record::Picture));
         }
         if let Some(considered) = moment.computer.considered() {
             let drawn = Some((considered.workspace.gains, considered.workspace.samples));
@@ -131,13 +137,7 @@ impl Recorder {
         self.records.push(Record::End(End { report: report.clone(), steps }));
     }
 
-    /// Removes the records since the last call, one line of JSON each.
-    pub fn take_lines(&mut self) -> Vec<String> {
-        // Numbers, text and lists of them always have a JSON form.
-        self.take().iter().flat_map(serde_json::to_string).collect()
-    }
-
-    /// The same as values, for other formats.
+    /// Removes the records since the last call.
     pub fn take(&mut self) -> Vec<Record> {
         std::mem::take(&mut self.records)
     }
@@ -155,7 +155,9 @@ fn begin(mission: &Mission, config: &guidance::Config, command: String) -> Begin
         what: row.doc,
     });
     let scenario = &mission.scenario;
-    let walls = scenario.world().pillars.into_iter().skip(scenario.obstacles.len()).map(|pillar| {
+    let world = scenario.world();
+    let beacon_height_m = milli(-world.source_down_m);
+    let walls = world.pillars.into_iter().skip(scenario.obstacles.len()).map(|pillar| {
         let [x, y] = xy(pillar.center);
         [x, y, milli(pillar.radius_m)]
     });
@@ -170,19 +172,21 @@ fn begin(mission: &Mission, config: &guidance::Config, command: String) -> Begin
         horizon_m: rounded(f64::from(config.planner.horizon_m), 3),
         margins_m: [config.planner.margin_m, config.planner.tight_margin_m].map(|m| milli(f64::from(m))),
         speed_max_mps: milli(f64::from(config.guard.v_max_mps)),
+        beacon_height_m,
+        bin_hz: signal::bin_hz(config),
         walls: walls.collect(),
         scenario: scenario.clone(),
         parameters: parameters.collect(),
     }
 }
 
-/// A step, without its time.
+/// A step, without its time and the guard's reason.
 fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
     let Moment { world, motion, sample, output, computer, .. } = moment;
     let to_source = world.source_at(sample.time_s).minus(sample.position);
     let clearance =
         |pillar: Pillar| pillar.center.minus(sample.position).norm() - pillar.radius_m - f64::from(radius_m);
-    let [north, east, _] = motion.velocity_ned_mps;
+    let [north, east, down_mps] = motion.velocity_ned_mps;
     let heard = output.bearing.map(|bearing| Bearing {
         valid: bearing.valid && bearing.azimuth_rad.is_finite(),
         bearing_deg: output.bearing_ned_rad.filter(|rad| rad.is_finite()).map(|rad| degrees(f64::from(rad))),
@@ -193,13 +197,18 @@ fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
     Step {
         time_s: 0.0,
         place_m: xy(sample.position),
+        height_m: milli(-sample.down_m),
         yaw_deg: degrees(sample.yaw_rad),
         velocity_mps: xy(Horizontal { north, east }),
+        climb_mps: milli(-down_mps),
         setpoint_mps: core_xy(output.setpoint.velocity_ned_mps.horizontal()),
+        setpoint_climb_mps: milli(-f64::from(output.setpoint.velocity_ned_mps.down)),
         yaw_rate_degps: degrees(f64::from(output.setpoint.yaw_rate_radps)),
         evasion_mps: computer.evasion().map(core_xy),
         outcome: output.outcome.name(),
         guard: guard(output.guard),
+        guard_reason: None,
+        landing: output.landing.map(landing),
         clearance_m: world.pillars_at(sample.time_s).map(clearance).min_by(f64::total_cmp).map(milli),
         truth_deg: degrees(to_source.bearing_rad()),
         truth_m: milli(to_source.norm()),
@@ -211,6 +220,11 @@ fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
     }
 }
 
+fn landing(advice: core_landing::Output) -> Landing {
+    let sees_pad = advice.target.is_some_and(|target| target.is_pad);
+    Landing { stage: advice.stage, reason: advice.reason.map(core_landing::Reason::name), sees_pad }
+}
+
 fn track(body: &tracks::Track) -> Track {
     Track {
         place_m: core_xy(body.center_ned_m),
@@ -218,41 +232,6 @@ fn track(body: &tracks::Track) -> Track {
         covariance: body.covariance.map(|value| rounded(f64::from(value), 6)),
         unseen_s: milli(f64::from(body.unseen_s)),
     }
-}
-
-/// A picture, without its time.
-fn picture(detector: Option<&Detector>, focal_widths: f64, shown: &flight::Picture) -> Picture {
-    let flight::Picture { height_m, ref frame, .. } = *shown;
-    let (width, height) = (usize::from(frame.size.width_px), usize::from(frame.size.height_px));
-    let seen = detector.map(|detector| watch::alone(detector, frame, Some(height_m as f32), 2).seen);
-    let rgb = frame.rgb();
-    let mut pixels = String::new();
-    for row in (0..height).step_by(2) {
-        for column in (0..width).step_by(2) {
-            let at = 3 * (row * width + column);
-            for value in rgb.get(at..at + 3).unwrap_or_default() {
-                // A string takes everything.
-                let _ = write!(pixels, "{value:02x}");
-            }
-        }
-    }
-    // The detector's tangents, in pixels of the reduced picture.
-    let focal_px = 0.5 * focal_widths * width as f64;
-    let pad = match seen {
-        Some(Seen::Pad(pad)) => Some([
-            rounded(0.25 * width as f64 + focal_px * f64::from(pad.right), 1),
-            rounded(0.25 * height as f64 - focal_px * f64::from(pad.forward), 1),
-            rounded(focal_px * f64::from(pad.radius), 1),
-        ]),
-        _ => None,
-    };
-    let words = match seen {
-        Some(Seen::Pad(_)) => "the pad",
-        Some(Seen::Nothing(_)) => "no pad",
-        Some(Seen::Bad(_)) => "no good frame",
-        None => "",
-    };
-    Picture { time_s: 0.0, height_m: milli(height_m), columns: width.div_ceil(2), pixels, seen: words, pad }
 }
 
 /// A plan, without its time and trace.
@@ -289,7 +268,8 @@ fn plan(config: &planner::Config, considered: &Considered<'_>, draws: bool) -> P
         circles_m: circles(known.iter().copied()),
         particles: kept.map(|(place, weight)| particle(*place, weight / heaviest)).collect(),
         belief: belief(&particles),
-        field: potential(config, plan, &obstacles),
+        field: Some(potential(config, plan, &obstacles)),
+        thinned: false,
     }
 }
 

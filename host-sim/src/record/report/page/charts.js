@@ -28,6 +28,14 @@ const followedCost = (plan) => (plan && plan.cost !== undefined ? [plan.cost] : 
  */
 const CHARTS = [
   {
+    title: "Outcome, guard, landing, plans", unit: "", lanes: [
+      { name: "outcome", color: (s) => outcomeColor(s.outcome), value: (s) => words(s.outcome) },
+      { name: "guard", color: (s) => guardColor(s.guard), value: (s) => (s.guard_reason ? `${s.guard}: ${s.guard_reason}` : s.guard) },
+      { name: "landing", color: (s) => (s.landing ? stageColor(s) : "quiet"), value: (s) => (s.landing ? words(s.landing.stage) : "none") },
+    ],
+    series: [],
+  },
+  {
     title: "Error of the bearing", unit: "deg", symmetric: true, robust: true,
     series: [
       { name: "2 sigma", kind: "band", color: "green", points: stepSeries(twoSigma_deg), value: (s) => number(twoSigma_deg(s), 2) },
@@ -81,11 +89,12 @@ const CHARTS = [
     ],
   },
   {
-    title: "Outcome, guard, plans", unit: "", lanes: [
-      { name: "outcome", color: (s) => outcomeColor(s.outcome), value: (s) => words(s.outcome) },
-      { name: "guard", color: (s) => guardColor(s.guard), value: (s) => s.guard },
+    title: "Height", unit: "m", zero: true,
+    series: [
+      { name: "beacon", kind: "level", color: "green", at: () => flight.begin.beacon_height_m, value: () => number(flight.begin.beacon_height_m, 2) },
+      { name: "sees the pad", kind: "dots", color: "red", points: stepSeries((s) => (s.landing && s.landing.sees_pad ? s.height_m : undefined)), value: (s) => (s.landing && s.landing.sees_pad ? "yes" : "no") },
+      { name: "vehicle", kind: "line", color: "blue", points: stepSeries((s) => s.height_m), value: (s) => number(s.height_m, 2) },
     ],
-    series: [],
   },
 ];
 
@@ -99,7 +108,7 @@ function setUpCharts(seek) {
   const room = document.getElementById("charts");
   for (const chart of CHARTS) {
     const figure = document.createElement("figure");
-    figure.className = "panel chart";
+    figure.className = chart.lanes ? "panel chart wide" : "panel chart";
     const caption = document.createElement("figcaption");
     const title = document.createElement("strong");
     title.textContent = chart.unit ? `${chart.title}, ${chart.unit}` : chart.title;
@@ -198,15 +207,42 @@ function drawOne(series, points, { context, x, y, width }) {
   if (series.kind === "level") {
     line(context, [[EDGE.left, y(series.at())], [width - EDGE.right, y(series.at())]], { ...style, width: 1.1, dash: [2, 3] });
   } else if (series.kind === "dots") {
-    const there = points.filter((point) => Number.isFinite(point[1]));
+    const there = apart(points.filter((point) => Number.isFinite(point[1])), x, y);
     const size = there.length > 300 ? 2.4 : 3.6;
     context.fillStyle = style.color;
     context.globalAlpha = there.length > 300 ? 0.55 : 0.9;
     for (const [time_s, value] of there) context.fillRect(x(time_s) - size / 2, y(value) - size / 2, size, size);
     context.globalAlpha = 1;
   } else {
-    for (const piece of pieces(points)) drawPiece(series, piece, style, { context, x, y });
+    for (const piece of pieces(points)) drawPiece(series, perPixel(piece, x), style, { context, x, y });
   }
+}
+
+/** Of more points than a picture can show: in every column of pixels the first, the last, the least and the greatest. */
+function perPixel(points, x) {
+  if (points.length < 2000) return points;
+  const columns = [];
+  for (const point of points) {
+    const column = Math.round(x(point[0]));
+    const group = last(columns);
+    if (!group || group.column !== column) columns.push({ column, first: point, least: point, greatest: point, last: point });
+    else {
+      group.last = point;
+      if (point[1] < group.least[1]) group.least = point;
+      if (point[1] > group.greatest[1]) group.greatest = point;
+    }
+  }
+  return columns.flatMap(({ first, least, greatest, last: end }) => [...new Set([first, least, greatest, end])].sort((a, b) => a[0] - b[0]));
+}
+
+/** Of more dots than a picture can show: those that do not lie on another. */
+function apart(points, x, y) {
+  if (points.length < 2000) return points;
+  const taken = new Set();
+  return points.filter(([time_s, value]) => {
+    const cell = Math.round(x(time_s)) * 10_000 + Math.round(y(value));
+    return !taken.has(cell) && taken.add(cell);
+  });
 }
 
 function drawPiece(series, piece, style, { context, x, y }) {
@@ -246,6 +282,7 @@ function drawLanes(chart, context, height) {
     for (const [from, to, step] of runs(lane.color)) {
       context.fillStyle = colors[lane.color(step)];
       context.fillRect(x(from), top + 3, Math.max(x(to) - x(from), 1), tall - 8);
+      writeInBand(context, lane.value(step), [x(from), top + 3, x(to) - x(from), tall - 8]);
     }
     write(context, lane.name, 2, top + tall / 2, { color: colors.faint, base: "middle", size: 9.5 });
   });
@@ -257,6 +294,14 @@ function drawLanes(chart, context, height) {
     if (plan.origin === "sampled") context.fillRect(x(plan.time_s) - 1, top + 3, 2, tall - 8);
     else disc(context, [x(plan.time_s), top + tall / 2 - 1], 4, { fill: color });
   }
+}
+
+/** A band's name in it, as far as it fits: whole, or up to its reason. */
+function writeInBand(context, text, [left, top, wide, high]) {
+  context.font = '600 10px system-ui, "DejaVu Sans", sans-serif';
+  const fits = [text, text.split(":")[0]].find((one) => context.measureText(one).width < wide - 8);
+  if (!fits || fits === "none" || fits === "passed") return;
+  write(context, fits, left + 4, top + high / 2 + 0.5, { color: colors.panel, base: "middle", size: 10, weight: "600" });
 }
 
 /** Runs of steps of the same colour: from, to, the first step. */
@@ -309,11 +354,25 @@ function describeCharts() {
   }
 }
 
-/** The strip above the slider: the outcomes, and a tick for every plan. */
+/** The strip above the slider: the outcomes, what the guard did, and a tick for every plan. All but the cursor is drawn once. */
+const strip = { kept: null, key: "" };
+
 function drawStrip(canvas, index) {
   const { context, width, height } = prepare(canvas);
-  const span_s = duration_s() || 1;
-  const x = (time_s) => THUMB + ((width - 2 * THUMB) * time_s) / span_s;
+  if (!width) return;
+  const x = (time_s) => THUMB + ((width - 2 * THUMB) * time_s) / (duration_s() || 1);
+  const key = [width, height, flight.steps.length, flight.plans.length, colors.ink].join();
+  if (strip.key !== key) {
+    paintStrip(context, x, height);
+    strip.kept ??= document.createElement("canvas");
+    [strip.kept.width, strip.kept.height, strip.key] = [canvas.width, canvas.height, key];
+    strip.kept.getContext("2d").drawImage(canvas, 0, 0);
+  } else context.drawImage(strip.kept, 0, 0, width, height);
+  const step = flight.steps[index];
+  if (step) line(context, [[x(step.time_s), 0], [x(step.time_s), height]], { color: colors.ink, width: 1.5 });
+}
+
+function paintStrip(context, x, height) {
   for (const [from, to, step] of runs((s) => outcomeColor(s.outcome))) {
     context.fillStyle = colors[outcomeColor(step.outcome)];
     context.fillRect(x(from), height - 5, Math.max(x(to) - x(from), 1), 5);
@@ -325,8 +384,6 @@ function drawStrip(canvas, index) {
   }
   context.fillStyle = colors.orange;
   for (const plan of flight.plans) context.fillRect(x(plan.time_s) - 0.75, 0, 1.5, 6);
-  const step = flight.steps[index];
-  if (step) line(context, [[x(step.time_s), 0], [x(step.time_s), height]], { color: colors.ink, width: 1.5 });
 }
 
 /** Half the width of a slider's thumb, by which its track is shorter than it. */

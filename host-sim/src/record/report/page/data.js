@@ -1,7 +1,8 @@
 // What is known of the flight, and of any time in it. Records come one by one through `add`, from the page or from anywhere.
 
 /** `cut`: it was under way when whoever flies it fell silent. */
-const flight = { begin: null, steps: [], remembered: [], people: [], tracks: [], plans: [], pictures: [], end: null, cut: false };
+const NOTHING = () => ({ steps: [], remembered: [], people: [], tracks: [], plans: [], detailed: [], signals: [], pictures: [], thinned: null, end: null });
+const flight = { begin: null, ...NOTHING(), cut: false };
 /** Told, at most once a picture, that there are new records. */
 let refresh = () => {};
 let refreshing = false;
@@ -10,7 +11,7 @@ let refreshing = false;
 function add(record) {
   switch (record.kind) {
     case "begin":
-      Object.assign(flight, { begin: record, steps: [], remembered: [], people: [], tracks: [], plans: [], pictures: [], end: null });
+      Object.assign(flight, { begin: record, ...NOTHING() });
       break;
     case "step":
       flight.steps.push(record);
@@ -26,9 +27,16 @@ function add(record) {
       break;
     case "plan":
       flight.plans.push(record);
+      if (!record.thinned) flight.detailed.push(record);
+      break;
+    case "signal":
+      flight.signals.push(record);
       break;
     case "picture":
       flight.pictures.push(record);
+      break;
+    case "thinned":
+      flight.thinned = record;
       break;
     case "end":
       flight.end = record;
@@ -141,26 +149,36 @@ const ORIGINS = {
   brake: "nothing is clear: stay",
 };
 
+/** With more plans than this the list of what happened holds none of them. */
+const PLANS_LISTED = 300;
+
 /** Changes worth a line in the list of what happened: time, colour, text. */
 function events() {
   const list = [];
   const acted_s = {};
   let outcome;
+  let stage;
   const happens = (time_s, color, text) => list.push({ time_s, color, text });
   for (const step of flight.steps) {
     if (step.outcome !== outcome) happens(step.time_s, outcomeColor(step.outcome), words(step.outcome));
     if (step.guard === "braked" || step.guard === "looking") {
       // It comes and goes from step to step: a pause of less than a second is none.
-      if (!(step.time_s - acted_s[step.guard] < 1)) happens(step.time_s, guardColor(step.guard), `guard: ${step.guard}`);
+      if (!(step.time_s - acted_s[step.guard] < 1)) happens(step.time_s, guardColor(step.guard), `guard: ${step.guard}, ${step.guard_reason}`);
       acted_s[step.guard] = step.time_s;
     }
     if (step.evasion_mps) {
       if (!(step.time_s - acted_s.evades < 1)) happens(step.time_s, "orange", "gives way to what moves");
       acted_s.evades = step.time_s;
     }
+    if (step.landing && step.landing.stage !== stage) {
+      const why = step.landing.reason ? `, ${words(step.landing.reason)}` : "";
+      happens(step.time_s, stageColor(step), `landing: ${words(step.landing.stage)}${why}`);
+      ({ stage } = step.landing);
+    }
     ({ outcome } = step);
   }
-  for (const plan of flight.plans) happens(plan.time_s, "orange", planned(plan));
+  if (flight.plans.length > PLANS_LISTED) happens(0, "orange", `${flight.plans.length} plans are not in this list; the keys , and . lead to them`);
+  else for (const plan of flight.plans) happens(plan.time_s, "orange", planned(plan));
   if (flight.end) happens(duration_s(), flight.end.report.result === "reached" ? "green" : "red", verdict());
   return list.sort((a, b) => a.time_s - b.time_s);
 }
@@ -172,7 +190,8 @@ function verdict() {
 }
 
 function planned(plan) {
-  const what = plan.chosen === undefined ? ORIGINS[plan.origin] : `sample ${plan.chosen + 1} of ${plan.samples.length}`;
+  const of = plan.thinned ? "" : ` of ${plan.samples.length}`;
+  const what = plan.chosen === undefined ? ORIGINS[plan.origin] : `sample ${plan.chosen + 1}${of}`;
   return `plan ${plan.id}: ${plan.searches ? "search, " : ""}${what}`;
 }
 

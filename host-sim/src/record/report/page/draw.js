@@ -6,7 +6,8 @@ function prepare(canvas) {
   const width = canvas.clientWidth;
   const height = canvas.clientHeight;
   const [wide, high] = [Math.round(width * ratio), Math.round(height * ratio)];
-  if (canvas.width !== wide || canvas.height !== high) [canvas.width, canvas.height] = [wide, high];
+  // A canvas that is not shown keeps its picture.
+  if (width && (canvas.width !== wide || canvas.height !== high)) [canvas.width, canvas.height] = [wide, high];
   const context = canvas.getContext("2d");
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   context.clearRect(0, 0, width, height);

@@ -167,6 +167,15 @@ function heightAt(plan, [x, y]) {
   return (value(0, 0) * (1 - u) + value(1, 0) * u) * (1 - v) + (value(0, 1) * (1 - u) + value(1, 1) * u) * v;
 }
 
+/** The surface without what moves on it, as long as nobody turns it. */
+const surface = { kept: document.createElement("canvas"), list: null, key: "" };
+
+function keepSurface(canvas, list, key) {
+  Object.assign(surface, { list, key });
+  [surface.kept.width, surface.kept.height] = [canvas.width, canvas.height];
+  surface.kept.getContext("2d").drawImage(canvas, 0, 0);
+}
+
 /** Squares of the surface from far to near, each over those behind it. */
 function drawSurface({ context, width, height, plan, step }) {
   const { south_west_m: [west, south], step_m, columns } = plan.field;
@@ -176,13 +185,19 @@ function drawSurface({ context, width, height, plan, step }) {
   const order = [...Array(columns - 1).keys()];
   const rows = Math.cos(field.turn_rad) > 0 ? [...order].reverse() : order;
   const sides = Math.sin(field.turn_rad) > 0 ? [...order].reverse() : order;
-  context.lineWidth = 0.6;
-  context.lineJoin = "round";
-  for (const row of rows) {
-    for (const column of sides) {
-      const a = row * columns + column;
-      paintSquare(context, [a, a + 1, a + columns + 1, a + columns], points, list);
+  const key = [field.turn_rad, field.tilt_rad, field.zoom, width, height].join();
+  if (surface.list === list && surface.key === key) {
+    context.drawImage(surface.kept, 0, 0, width, height);
+  } else {
+    context.lineWidth = 0.6;
+    context.lineJoin = "round";
+    for (const row of rows) {
+      for (const column of sides) {
+        const a = row * columns + column;
+        paintSquare(context, [a, a + 1, a + columns + 1, a + columns], points, list);
+      }
     }
+    keepSurface(context.canvas, list, key);
   }
   const on = (place) => to(place, heightAt(plan, place) + 0.012);
   drawRings(context, plan, on);

@@ -1,6 +1,8 @@
 // Playing, keys, themes: what moves the time, and what is drawn when it has moved.
 
-const replay = { begin: null, index: 0, playing: false, atEnd: true, since_ms: 0, from_s: 0 };
+const replay = { begin: null, index: 0, playing: false, atEnd: true, since_ms: 0, from_s: 0, drawn_ms: 0 };
+const stillness = window.matchMedia("(prefers-reduced-motion: reduce)");
+const STILL_MS = 250;
 let wanted = { all: true };
 let pending = false;
 
@@ -21,21 +23,27 @@ function draw() {
   wanted = { all: false };
   const step = flight.steps[replay.index];
   const plan = step && latest(flight.plans, step.time_s);
+  const detailed = step && (latest(flight.detailed, step.time_s) ?? flight.detailed[0]);
   if (all) {
     readColors();
     CHARTS.forEach(drawChart);
   }
   drawScale();
   drawMap(byId("map"), replay.index);
-  drawField(byId("field"), plan ?? flight.plans[0], step);
-  drawPicture(step && latest(flight.pictures, step.time_s));
+  drawSpace(byId("space"), step, plan);
+  drawField(byId("field"), detailed, step);
+  drawHeardSignal(step);
+  drawSection(byId("section"), replay.index);
+  drawPictures(step);
   drawStrip(byId("strip"), replay.index);
   markCharts(step);
   showNow(step);
-  showPlan(plan);
-  byId("field-words").textContent = plan ? fieldWords(plan) : "";
+  showPlan(plan, detailed);
+  byId("field-words").textContent = plan && detailed ? fieldWords(detailed) : "";
   markEvents(step ? step.time_s : 0);
   tell(step, plan);
+  // For whoever measures: when the first picture was there.
+  document.documentElement.dataset.firstPicture ??= performance.now().toFixed(0);
 }
 
 /** What the pictures show, in words, and as data for whoever tests or scripts the page. */
@@ -54,6 +62,7 @@ function tell(step, plan) {
   const slider = byId("time");
   slider.value = String(replay.index);
   slider.setAttribute("aria-valuetext", `${seconds(step.time_s)}, ${words(step.outcome)}`);
+  if (!replay.playing) tellAloud(`${seconds(step.time_s)}: ${words(step.outcome)}, guard ${step.guard}${step.guard_reason ? `, ${step.guard_reason}` : ""}. ${step.height_m.toFixed(1)} metres high, ${step.truth_m.toFixed(1)} metres from the beacon.`);
   byId("clock").textContent = `${step.time_s.toFixed(2)} / ${duration_s().toFixed(2)} s`;
 }
 
@@ -88,7 +97,10 @@ function tick(now_ms) {
   if (!replay.playing) return;
   const passed_s = (Math.max(now_ms - replay.since_ms, 0) / 1000) * Number(byId("rate").value);
   const index = indexAt(flight.steps, replay.from_s + passed_s);
-  if (index !== replay.index) {
+  // Where little motion is wanted the pictures change a few times a second only.
+  const waits = stillness.matches && now_ms - replay.drawn_ms < STILL_MS && index < flight.steps.length - 1;
+  if (index !== replay.index && !waits) {
+    replay.drawn_ms = now_ms;
     replay.index = Math.max(index, 0);
     redraw();
   }
@@ -111,16 +123,53 @@ function onKey(event) {
   if (target.matches('input[type="search"], select')) return;
   const isSlider = target.id === "time";
   const takesSpace = target.matches("button, summary, input[type=checkbox]");
-  const far = event.shiftKey ? Math.round(1 / flight.begin.tick_s) : 1;
+  const time_s = flight.steps[replay.index]?.time_s ?? 0;
+  const move = (way) => (event.shiftKey ? seek(time_s + way) : goTo(replay.index + way));
   const keys = {
-    " ": () => play(!replay.playing), ",": () => toPlan(-1), ".": () => toPlan(1), ArrowLeft: () => goTo(replay.index - far),
-    ArrowRight: () => goTo(replay.index + far), Home: () => goTo(0), End: () => goTo(flight.steps.length - 1),
+    " ": () => play(!replay.playing), ",": () => toPlan(-1), ".": () => toPlan(1), ArrowLeft: () => move(-1),
+    ArrowRight: () => move(1), Home: () => goTo(0), End: () => goTo(flight.steps.length - 1),
+    m: () => showTab("map"), 3: () => showTab("space"), p: () => showTab("field"), s: () => showTab("signal"), v: () => showTab("section"),
   };
   if (!keys[event.key] || (event.key === " " && takesSpace)) return;
   // The slider's own keys do the same, but for Shift.
   if (isSlider && /^(Home|End)$/.test(event.key)) return;
   keys[event.key]();
   event.preventDefault();
+}
+
+/** Brings the pane of a tab to the front of those beside it. */
+function showTab(name) {
+  const chosen = byId(`tab-${name}`);
+  for (const tab of chosen.parentElement.children) {
+    const isChosen = tab === chosen;
+    tab.setAttribute("aria-selected", String(isChosen));
+    tab.tabIndex = isChosen ? 0 : -1;
+    byId(tab.getAttribute("aria-controls")).hidden = !isChosen;
+  }
+  redraw(true);
+}
+
+/** Tabs: a press, or arrows between them. */
+function setUpTabs() {
+  for (const tab of document.querySelectorAll('[role="tab"]')) {
+    tab.addEventListener("click", () => showTab(tab.id.slice(4)));
+    tab.addEventListener("keydown", (event) => {
+      const other = { ArrowLeft: tab.previousElementSibling, ArrowRight: tab.nextElementSibling }[event.key];
+      if (!["ArrowLeft", "ArrowRight"].includes(event.key)) return;
+      event.preventDefault();
+      event.stopPropagation();
+      if (!other) return;
+      showTab(other.id.slice(4));
+      other.focus();
+    });
+  }
+}
+
+/** Says what is shown once the cursor stands, for those who do not see it. */
+let telling = 0;
+function tellAloud(text) {
+  clearTimeout(telling);
+  telling = setTimeout(() => (byId("told").textContent = text), 600);
 }
 
 /** Light or dark: as the system has it, until somebody chooses. */
@@ -154,6 +203,7 @@ refresh = () => {
     Object.assign(camera, { fitted: !camera.follows });
     showParameters();
     fromAddress();
+    if (begin.scenario.landing) showTab("section");
   }
   // Whoever looks at the end goes on looking at the end.
   replay.index = replay.atEnd ? end : Math.min(replay.index, end);
@@ -179,8 +229,12 @@ function copyCommand() {
 
 function setUp() {
   setUpTheme();
+  setUpTabs();
   setUpMap(byId("map"), redraw.bind(null, false));
+  setUpSpace(byId("space"), redraw.bind(null, false));
   setUpField(byId("field"), redraw.bind(null, false));
+  setUpSection(byId("section"), goTo);
+  setUpPictures(seek);
   setUpCharts(seek);
   scrub(byId("strip"), { left: THUMB, right: THUMB }, seek);
   byId("time").addEventListener("input", (event) => goTo(Number(event.target.value)));
@@ -198,4 +252,4 @@ function setUp() {
 }
 
 setUp();
-JSON.parse(byId("records").textContent).forEach(add);
+unpack(byId("records").textContent).then((records) => records.forEach(add));

@@ -6,7 +6,7 @@ const LAYERS = [
   ["tracks", "what is followed, and giving way to it", "orange"],
   ["view", "field of view", "sky"],
   ["samples", "sampled trajectories", "blue"],
-  ["plans", "plans before", "orange"],
+  ["plans", "the last 50 plans", "orange"],
   ["belief", "where the source may be", "purple"],
   ["heard", "bearing heard", "green"],
   ["potential", "potential", "yellow"],
@@ -29,11 +29,17 @@ function most(of) {
   return flight.steps.reduce((most, step) => Math.max(most, of(step) || 0), 1e-3);
 }
 
+/** In a long flight the earlier ones would cover each other. */
+const PLANS_SHOWN = 50;
+
 /** The part of the plane that is seen: its middle, and pixels to a metre; `fitted` until somebody moves it. */
 const camera = { x_m: 0, y_m: 0, scale: 50, fitted: true, follows: false };
 
-/** Bounds that hold the map and everything flown. */
+/** Bounds that hold the map and everything flown; found anew when there are more steps. */
+const bounded = { begin: null, steps: 0, box: [] };
+
 function bounds() {
+  if (bounded.begin === flight.begin && bounded.steps === flight.steps.length) return bounded.box;
   const box = [...flight.begin.scenario.bounds];
   const stretch = ([x, y]) => {
     box[0] = Math.min(box[0], x - 0.3);
@@ -44,6 +50,7 @@ function bounds() {
   flight.steps.forEach((step) => stretch(step.place_m));
   stretch(beaconAt(0));
   stretch(beaconAt(duration_s()));
+  Object.assign(bounded, { begin: flight.begin, steps: flight.steps.length, box });
   return box;
 }
 
@@ -71,7 +78,8 @@ function drawMap(canvas, index) {
   const plan = latest(flight.plans, time_s);
   const picture = { context, width, height, at, time_s, step, plan };
 
-  if (shown.has("potential") && plan) drawPotential(picture);
+  const detailed = latest(flight.detailed, time_s);
+  if (shown.has("potential") && detailed) drawPotential({ ...picture, plan: detailed });
   drawGrid(picture);
   if (shown.has("view") && step) drawView(picture);
   if (shown.has("pillars")) drawPillars(picture);
@@ -139,9 +147,18 @@ function drawView({ context, at, step }) {
   context.restore();
 }
 
-function drawPillars({ context, at, time_s }) {
+function drawPillars({ context, at, time_s, width, height }) {
+  const [west, south, east, north] = seen({ width, height });
+  const dots = new Set();
+  context.fillStyle = colors["pillar-edge"];
   for (const [x, y, r] of pillarsAt(time_s)) {
-    disc(context, at([x, y]), r * camera.scale, { fill: colors.pillar, stroke: colors["pillar-edge"], width: 1.2 });
+    if (x + r < west || x - r > east || y + r < south || y - r > north) continue;
+    if (r * camera.scale < 1) {
+      // From far away pillars are dots, and several are one.
+      const [left, top] = at([x, y]).map(Math.round);
+      if (!dots.has(left * 10_000 + top)) context.fillRect(left, top, 1, 1);
+      dots.add(left * 10_000 + top);
+    } else disc(context, at([x, y]), r * camera.scale, { fill: colors.pillar, stroke: colors["pillar-edge"], width: 1.2 });
   }
 }
 
@@ -169,9 +186,10 @@ function drawTracks({ context, at, time_s, step }) {
   }
 }
 
-/** Every plan so far, and its target. */
+/** The plans before, and their targets. */
 function drawPlans({ context, at, time_s }) {
-  for (const plan of flight.plans.slice(0, indexAt(flight.plans, time_s))) {
+  const end = Math.max(indexAt(flight.plans, time_s), 0);
+  for (const plan of flight.plans.slice(Math.max(end - PLANS_SHOWN, 0), end)) {
     line(context, [plan.start_m, ...plan.waypoints_m].map(at), { color: colors.orange, alpha: 0.35, width: 1.2 });
     disc(context, at(plan.target_m), 2.6, { fill: colors.ground, stroke: colors.orange, alpha: 0.6 });
   }
@@ -258,13 +276,26 @@ function drawHeard({ context, at, step }) {
   line(context, [at([x, y]), end(heard.bearing_deg)], { color: colors.green, alpha: 0.8, dash: [6, 4] });
 }
 
+const PATH_POINTS = 2500;
+
 /** What was flown, coloured; what is still to come, faint. */
 function drawPath({ context, at }, index) {
   const by = PATH_BY[document.getElementById("path-by").value];
   const [low, high] = by.range();
-  const places = flight.steps.map((step) => at(step.place_m));
-  line(context, places.slice(Math.max(index, 0)), { color: colors.faint, alpha: 0.7, width: 1.2, dash: [1, 4] });
-  const flown = places.slice(0, index + 1);
+  // Of a long flight some steps, and none that would be drawn on the one before.
+  const every = Math.ceil(flight.steps.length / PATH_POINTS);
+  let before = [Infinity, Infinity];
+  const path = flight.steps.filter((step, k) => {
+    if (k === index) return true;
+    const [dx, dy] = [step.place_m[0] - before[0], step.place_m[1] - before[1]];
+    if (k % every || Math.hypot(dx, dy) * camera.scale < 0.7) return false;
+    before = step.place_m;
+    return true;
+  });
+  const here = path.indexOf(flight.steps[index]);
+  const places = path.map((step) => at(step.place_m));
+  line(context, places.slice(Math.max(here, 0)), { color: colors.faint, alpha: 0.7, width: 1.2, dash: [1, 4] });
+  const flown = places.slice(0, here + 1);
   line(context, flown, { color: colors.ground, width: 6.5, alpha: 0.9 });
   context.save();
   context.lineCap = "round";
@@ -273,7 +304,7 @@ function drawPath({ context, at }, index) {
   const piece = Math.ceil(flown.length / 1500);
   for (let from = 0; from + 1 < flown.length; from += piece) {
     const to = Math.min(from + piece, flown.length - 1);
-    context.strokeStyle = ramp((by.value(flight.steps[to]) - low) / (high - low));
+    context.strokeStyle = ramp((by.value(path[to]) - low) / (high - low));
     context.beginPath();
     context.moveTo(...flown[from]);
     for (let k = from + 1; k <= to; k += 1) context.lineTo(...flown[k]);
@@ -293,38 +324,6 @@ function drawVehicle({ context, at, step }) {
   line(context, [place, nose], { color: colors.ink, width: 2 });
   arrow(context, place, shaft(step.setpoint_mps), { color: colors.faint, width: 1.6 });
   arrow(context, place, shaft(step.velocity_mps), { color: colors.ink, width: 2.2 });
-}
-
-/** What the camera saw, with a circle round what is taken for the pad. */
-function drawPicture(picture) {
-  const panel = document.getElementById("camera-panel");
-  panel.hidden = !picture;
-  if (!picture) return;
-  const canvas = document.getElementById("camera");
-  const lines = picture.pixels.length / 6 / picture.columns;
-  if (canvas.dataset.time !== String(picture.time_s)) {
-    [canvas.width, canvas.height] = [picture.columns, lines];
-    const context = canvas.getContext("2d");
-    const image = context.createImageData(picture.columns, lines);
-    for (let pixel = 0; pixel < picture.columns * lines; pixel += 1) {
-      for (let part = 0; part < 3; part += 1) {
-        image.data[4 * pixel + part] = parseInt(picture.pixels.substr(6 * pixel + 2 * part, 2), 16);
-      }
-      image.data[4 * pixel + 3] = 255;
-    }
-    context.putImageData(image, 0, 0);
-    if (picture.pad) {
-      const [column, line, radius] = picture.pad;
-      context.strokeStyle = "#ffffff";
-      context.beginPath();
-      context.arc(column, line, radius, 0, 2 * Math.PI);
-      context.stroke();
-    }
-    canvas.dataset.time = String(picture.time_s);
-  }
-  const text = `${picture.seen}, from ${picture.height_m.toFixed(2)} m at ${picture.time_s.toFixed(1)} s`;
-  canvas.setAttribute("aria-label", `Picture of the camera: ${text}`);
-  document.getElementById("camera-words").textContent = text;
 }
 
 /** The scale of the path's colours. */

@@ -55,10 +55,23 @@ function showRun() {
     ["direction finding", Number.isFinite(bearing.snr_db) ? `waveforms at ${bearing.snr_db} dB` : `sigma ${bearing.sigma_deg} deg`],
     ["pillars", String(scenario.obstacles.length)],
     ...(scenario.people ? [["people", String(scenario.people.reduce((sum, { group }) => sum + group, 0))]] : []),
-    ["steps", `${steps.length} of ${begin.tick_s * 1000} ms`],
+    ["steps", flight.thinned ? `${end.steps} of ${begin.tick_s * 1000} ms, ${steps.length} of them here` : `${steps.length} of ${begin.tick_s * 1000} ms`],
     ["plans", String(plans.length)],
     ["program", `foxhound ${begin.program}`],
+    ["view in space", "OGL 1.0.11, in the public domain"],
   ]);
+  showThinned();
+}
+
+/** What a long flight's file leaves out. */
+function showThinned() {
+  const { thinned } = flight;
+  byId("thinned").hidden = !thinned;
+  if (!thinned) return;
+  const parts = thinned.what.map(({ what, all, kept }) => `${kept} of ${all} ${what}`);
+  byId("thinned").textContent = `A flight of more than ${thinned.from_s} s is thinned: this file holds ${parts.join(", ")}. ` +
+    "Of the steps it holds those in which the guard did the most, the outcome or the stage of the landing changed, or a pillar was nearer than ever before. " +
+    "All of it is in the file of --mcap.";
 }
 
 function cells(row, texts, tag = "td") {
@@ -91,7 +104,10 @@ function showNow(step) {
   fillRows(byId("now"), [
     ["outcome", words(step.outcome)],
     ["guard", step.guard],
+    ["its reason", step.guard_reason ?? "none needed"],
     ["place, east and north", inMetres(step.place_m)],
+    ["height, climb", `${step.height_m.toFixed(2)} m, ${step.climb_mps.toFixed(2)} m/s`],
+    ...(step.landing ? [["landing", `${words(step.landing.stage)}${step.landing.sees_pad ? ", sees the pad" : ""}`]] : []),
     ["yaw", `${step.yaw_deg.toFixed(1)} deg`],
     ["speed, setpoint", `${speed_mps(step).toFixed(2)}, ${wantedSpeed_mps(step).toFixed(2)} m/s`],
     ["clearance", metres(step.clearance_m, 3)],
@@ -106,13 +122,14 @@ function showNow(step) {
 }
 
 /** The samples of a plan, the cheapest first. */
-function showPlan(plan) {
+function showPlan(inForce, detailed) {
   const table = byId("samples");
-  if (table.dataset.plan === String(plan && plan.time_s)) return;
-  table.dataset.plan = String(plan && plan.time_s);
+  if (table.dataset.plan === String(inForce && inForce.time_s)) return;
+  table.dataset.plan = String(inForce && inForce.time_s);
+  const plan = inForce && inForce.thinned ? detailed : inForce;
   const body = table.tBodies[0];
   body.replaceChildren();
-  byId("plan-words").textContent = plan ? planWords(plan) : "No plan yet.";
+  byId("plan-words").textContent = plan ? planWords(plan, inForce) : "No plan yet.";
   if (!plan) return;
   const most = Math.max(...plan.samples.map((sample) => sample.cost), 1e-6);
   const order = plan.samples.map((_, index) => index).sort((a, b) => plan.samples[a].cost - plan.samples[b].cost);
@@ -131,7 +148,7 @@ function showPlan(plan) {
   }
 }
 
-function planWords(plan) {
+function planWords(plan, inForce) {
   const clear = plan.samples.filter((sample) => sample.feasible).length;
   const drawn = plan.samples.length
     ? ` ${clear} of ${plan.samples.length} may be chosen; followed is what is nearest to their mean, weighted by cost.`
@@ -139,7 +156,8 @@ function planWords(plan) {
   const { belief } = plan;
   const axes = belief && ellipse(belief.covariance_m2);
   const source = axes ? ` The source is known to ${axes.major_m.toFixed(2)} by ${axes.minor_m.toFixed(2)} m.` : "";
-  return `At ${seconds(plan.time_s)}, ${planned(plan)}.${drawn}${source}`;
+  const other = plan === inForce ? "" : ` In force is ${planned(inForce)}, whose samples are not in this file.`;
+  return `At ${seconds(plan.time_s)}, ${planned(plan)}.${drawn}${source}${other}`;
 }
 
 function fieldWords(plan) {

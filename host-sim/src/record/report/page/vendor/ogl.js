@@ -1,0 +1,1 @@
+export { Camera, Cylinder, Geometry, Mesh, Program, Renderer, Sphere, Transform } from "ogl";
