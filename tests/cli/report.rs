@@ -433,6 +433,7 @@ fn look_at(page: &str) {
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success(), "{said}\n{}", String::from_utf8_lossy(&output.stderr));
     assert!(said.contains("all checks passed"), "{said}");
+    said.lines().filter(|line| line.contains("first picture")).for_each(|line| println!("{line}"));
 }
 
 /// A browser shows the report, its controls work, and it requests nothing from the network.
