@@ -59,21 +59,19 @@ pub(crate) fn run(dirty: bool, twice: bool) -> Result<(), Failure> {
     if twice { again(&sums) } else { Ok(()) }
 }
 
-/// Builds the images of the commit in another folder and compares them with those that the tests fly; false where there is nothing to
-/// compare: the tree differs from its commit, or has none.
-pub(crate) fn images_again(flown: &[(&str, &Image)]) -> Result<bool, Failure> {
+/// Builds a board's image of the commit in another folder and compares it with the one that the tests fly; false where there is
+/// nothing to compare: the tree differs from its commit, or has none.
+pub(crate) fn image_again(board: &str, flown: &Image) -> Result<bool, Failure> {
     if changed().map_or(true, |changed| !changed.is_empty()) {
         return Ok(false);
     }
     in_a_clone(|clone| {
-        for (board, image) in flown {
-            let other = Image::build_in(clone, board, "foxhound-firmware")?;
-            if read(&image.elf)? != read(&other.elf)? {
-                return Err(Failure(format!("{} and {} differ", image.elf.display(), other.elf.display())));
-            }
-            formats(&other, board, clone)?;
-            println!("{board}: the same ELF file, byte for byte, and the same program as .bin and .hex");
+        let other = Image::build_in(clone, board, "foxhound-firmware")?;
+        if read(&flown.elf)? != read(&other.elf)? {
+            return Err(Failure(format!("{} and {} differ", flown.elf.display(), other.elf.display())));
         }
+        formats(&other, board, clone)?;
+        println!("{board}: the same ELF file, byte for byte, and the same program as .bin and .hex");
         Ok(())
     })?;
     Ok(true)
