@@ -133,9 +133,9 @@ enum Command {
     Pad(PadCommand),
     /// Tests or trains the network that distinguishes a reflected wave from a direct one.
     LinkState(LinkState),
-    /// Prints the manual page, or writes the pages of all commands.
+    /// Prints the completions for a shell.
     Completions(CompletionsCommand),
-    /// Prints the manual page, or writes those of all commands.
+    /// Prints the manual page, or writes the pages of all commands.
     Man(ManCommand),
 }
 
