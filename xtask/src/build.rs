@@ -47,7 +47,7 @@ impl Image {
                 TARGET,
             ])
             .args(["--features", &format!("board-{board}")])
-            .args(["--config", &same_everywhere(root, TARGET)?]);
+            .args(["--config", &path_setting(root, TARGET)?]);
         if root != workspace() {
             cargo.env_remove("CARGO_TARGET_DIR");
         }
@@ -99,9 +99,15 @@ pub(crate) fn built(cargo: &mut Command, program: &str) -> Result<PathBuf, Failu
         .ok_or_else(|| Failure(format!("cargo does not say where {program} is")))
 }
 
-/// The setting by which a program does not depend on where the repository, the crates and the toolchain's sources lie: it names
-/// places in them, in messages and for the debugger. What is relative to `.` is in the repository.
-pub(crate) fn same_everywhere(root: &Path, target: &str) -> Result<String, Failure> {
+/// [`path_flags`] as a setting of cargo for a target.
+pub(crate) fn path_setting(root: &Path, target: &str) -> Result<String, Failure> {
+    // An array of strings is written alike in Rust and in TOML.
+    Ok(format!("target.{target}.rustflags = {:?}", path_flags(root)?))
+}
+
+/// Flags by which a program does not depend on where the repository, the crates and the toolchain's sources lie: it names places in
+/// them, in messages and for the debugger. What is relative to `.` is in the repository.
+pub(crate) fn path_flags(root: &Path) -> Result<Vec<String>, Failure> {
     // Of several that fit, the last is taken; the homes may lie in the repository.
     let mut places = vec![(root.to_owned(), ".".to_owned())];
     if let Some(folder) = std::env::var_os("CARGO_TARGET_DIR") {
@@ -109,10 +115,7 @@ pub(crate) fn same_everywhere(root: &Path, target: &str) -> Result<String, Failu
     }
     places.push((cargo_home().join("registry").join("src"), "crates".to_owned()));
     places.push((sysroot()?.join("lib/rustlib/src/rust"), format!("/rustc/{}", of_compiler("commit-hash")?)));
-    let flags: Vec<_> =
-        places.iter().map(|(from, to)| format!("--remap-path-prefix={}={to}", from.display())).collect();
-    // An array of strings is written alike in Rust and in TOML.
-    Ok(format!("target.{target}.rustflags = {flags:?}"))
+    Ok(places.iter().map(|(from, to)| format!("--remap-path-prefix={}={to}", from.display())).collect())
 }
 
 /// Where cargo keeps the sources of crates.

@@ -12,7 +12,7 @@ use object::read::elf::{ElfFile32, ProgramHeader as _};
 use sha2::{Digest as _, Sha256};
 
 use crate::board::{NUCLEO, TWIN};
-use crate::build::{Image, answer, built, cargo, cargo_home, host, same_everywhere, sysroot, workspace};
+use crate::build::{Image, answer, built, cargo, cargo_home, host, path_flags, path_setting, sysroot, workspace};
 use crate::{Failure, attend};
 
 /// The shells that get completions, and the names by which they find them.
@@ -136,7 +136,7 @@ fn program() -> Result<PathBuf, Failure> {
     let mut cargo = cargo();
     cargo.args(["build", "--release", "--package", "foxhound-sim", "--bin", "foxhound", "--target", &host]);
     cargo.args(["--config", "profile.release.debug=false", "--config", "profile.release.strip='debuginfo'"]);
-    cargo.args(["--config", &same_everywhere(workspace(), &host)?]);
+    cargo.args(["--config", &path_setting(workspace(), &host)?]);
     let program = built(&mut cargo, "foxhound")?;
     let bytes = read(&program)?;
     for place in [workspace().to_owned(), cargo_home()] {
@@ -157,6 +157,7 @@ fn wheel(folder: &Path) -> Result<(), Failure> {
     }
     let mut pip = Command::new("python3");
     pip.args(["-m", "pip", "wheel", "--no-deps", "--wheel-dir"]).arg(folder).arg(package);
+    pip.env("CARGO_ENCODED_RUSTFLAGS", path_flags(workspace())?.join("\u{1f}"));
     // The times of the files in the wheel.
     attend(pip.env("SOURCE_DATE_EPOCH", git(&["log", "-1", "--format=%ct"])?))
 }

@@ -279,6 +279,35 @@ pub struct Output {
 }
 
 /// The configured stage machine.
+///
+/// ```
+/// # use foxhound_core::ConfigError;
+/// use foxhound_core::base::ned::Ned;
+/// use foxhound_core::base::ownship::Ownship;
+/// use foxhound_core::base::time::Instant;
+/// use foxhound_core::landing::{Config, Input, Stage, State};
+///
+/// let lander = Config::default().build()?;
+/// let mut state = State::default();
+/// let now = Instant(1_000_000);
+/// let position_ned_m = Ned { north: 0.0, east: 0.0, down: -2.0 };
+/// let ownship = Ownship { position_time: now, attitude_time: now, position_ned_m, ..Ownship::default() };
+/// let input = Input {
+///     now,
+///     ownship: Some(&ownship),
+///     height_m: None,
+///     bearing: None,
+///     estimate: None,
+///     look: None,
+///     is_landed: false,
+///     is_blocked: false,
+///     tick_s: 0.02,
+/// };
+/// // Nothing is heard yet: the planner is followed.
+/// let output = lander.step(&mut state, &input);
+/// assert_eq!((output.stage, output.demand), (Stage::Seeking, None));
+/// # Ok::<(), ConfigError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lander {
     config: Config,

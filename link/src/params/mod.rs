@@ -115,6 +115,17 @@ impl Marks {
 }
 
 /// The parameters, and which are to be sent.
+///
+/// ```
+/// use foxhound_core::base::time::Instant;
+/// use foxhound_core::guidance::param::Values;
+/// use foxhound_link::params::{Params, Reply};
+///
+/// // What the application runs with from now on is sent to the stations, one after the other.
+/// let mut params = Params::new(Values::default());
+/// params.replace(Values::default());
+/// assert!(matches!(params.next(Instant(0)), Some(Reply::Value(value)) if value.param_index == 0));
+/// ```
 #[derive(Clone, Debug)]
 pub struct Params {
     values: Values,
@@ -220,7 +231,6 @@ impl Params {
 
     /// What is to be sent next, if it is due. Call it when nothing else waits to be sent, and what it returned before
     /// has been sent.
-    /// has left.
     #[inline(never)]
     pub fn next(&mut self, now: Instant) -> Option<Reply> {
         if now < self.due {

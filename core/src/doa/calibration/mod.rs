@@ -162,6 +162,34 @@ impl Mean {
 }
 
 /// Measures the channels at one frequency, frame by frame.
+///
+/// ```
+/// # use foxhound_core::ConfigError;
+/// use foxhound_core::base::time::Instant;
+/// use foxhound_core::doa::array::Config;
+/// use foxhound_core::doa::calibration::{Calibrator, Source, Taken};
+/// use foxhound_core::signal::phase::{Complex, Phasors, Tone};
+///
+/// let array = Config::default().build()?;
+/// // A splitter, and a third channel that is 0.5 rad late.
+/// let mut z = [Complex { re: 1000.0, im: 0.0 }; 4];
+/// z[2] = Complex { re: 1000.0 * libm::cosf(0.5), im: -1000.0 * libm::sinf(0.5) };
+/// let phasors = Phasors {
+///     time: Instant(0),
+///     z,
+///     noise: [1.0; 4],
+///     snr_db: 60.0,
+///     frequency_hz: 8000.0,
+///     tone: Tone::Present,
+///     clipped: false,
+///     interferer: false,
+/// };
+/// let mut calibrator = Calibrator::default();
+/// assert_eq!(calibrator.step(&array, Source::Splitter, &phasors), Taken::Yes);
+/// let phase_rad = calibrator.entry(None).map(|entry| entry.phase_rad).unwrap_or_default();
+/// assert!((phase_rad[2] - phase_rad[0] + 0.5).abs() < 1e-3, "{phase_rad:?}");
+/// # Ok::<(), ConfigError>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Calibrator {
     mean: Mean,

@@ -283,6 +283,30 @@ impl Segmentation {
 }
 
 /// The configured stage.
+///
+/// ```
+/// # use foxhound_core::ConfigError;
+/// use foxhound_core::base::pose::Pose;
+/// use foxhound_core::base::time::Instant;
+/// use foxhound_core::mapping::scan::{Config, Kind, Scan, Sector};
+///
+/// let segmenter = Config::default().build()?;
+/// // A pillar of 0.2 m, 2 m ahead, and nothing else.
+/// let rays = (0..41).map(|ray| {
+///     let azimuth_rad = 0.02 * ray as f32 - 0.4;
+///     let (along, across) = (2.0 * libm::cosf(azimuth_rad), 2.0 * libm::sinf(azimuth_rad));
+///     let inside = 0.04 - across * across;
+///     if inside > 0.0 { Sector::Hit(along - libm::sqrtf(inside)) } else { Sector::Clear }
+/// });
+/// let time = Instant(0);
+/// let scan = Scan { time, first_azimuth_rad: -0.4, step_rad: 0.02, range_max_m: 3.0, rays: rays.collect() };
+/// let found = segmenter.fit(&scan, &Pose::default()).unwrap_or_default();
+/// assert_eq!(found.detections.len(), 1);
+/// let pillar = found.detections[0];
+/// assert_eq!(pillar.kind, Kind::Pillar);
+/// assert!((pillar.center_ned_m.north - 2.0).abs() < 0.02 && (pillar.radius_m - 0.2).abs() < 0.02);
+/// # Ok::<(), ConfigError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segmenter {
     config: Config,

@@ -101,6 +101,36 @@ impl Config {
 }
 
 /// The configured stage.
+///
+/// ```
+/// # use foxhound_core::ConfigError;
+/// use foxhound_core::base::pose::Pose;
+/// use foxhound_core::base::time::Instant;
+/// use foxhound_core::mapping::scan::{Scan, Sector};
+/// use foxhound_core::mapping::tracks::{Config, Tracks};
+///
+/// let tracker = Config::default().build()?;
+/// let mut tracks = Tracks::default();
+/// // Somebody of 0.3 m, 2.5 m ahead, walks to the east at 1 m/s.
+/// for tenths in 0..15 {
+///     let time = Instant(100_000 * tenths);
+///     let east = 0.1 * tenths as f32 - 0.7;
+///     let rays = (0..72).map(|ray| {
+///         let azimuth_rad = 0.02 * ray as f32 - 0.71;
+///         let (sine, cosine) = (libm::sinf(azimuth_rad), libm::cosf(azimuth_rad));
+///         let (along, across) = (2.5 * cosine + east * sine, 2.5 * sine - east * cosine);
+///         let inside = 0.09 - across * across;
+///         if inside > 0.0 { Sector::Hit(along - libm::sqrtf(inside)) } else { Sector::Clear }
+///     });
+///     let scan =
+///         Scan { time, first_azimuth_rad: -0.71, step_rad: 0.02, range_max_m: 5.0, rays: rays.collect() };
+///     tracker.advance(&mut tracks, time);
+///     tracker.observe_rays(&mut tracks, &scan, &Pose::default());
+/// }
+/// let [track] = tracks.all() else { panic!("{tracks:?}") };
+/// assert!(track.moves() && (track.velocity_ned_mps.east - 1.0).abs() < 0.15, "{track:?}");
+/// # Ok::<(), ConfigError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tracker {
     config: Config,
