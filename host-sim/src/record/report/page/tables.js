@@ -71,7 +71,7 @@ function showThinned() {
   const parts = thinned.what.map(({ what, all, kept }) => `${kept} of ${all} ${what}`);
   byId("thinned").textContent = `A flight of more than ${thinned.from_s} s is thinned: this file holds ${parts.join(", ")}. ` +
     "Of the steps it holds those in which the guard did the most, the outcome or the stage of the landing changed, or a pillar was nearer than ever before. " +
-    "All of it is in the file of --mcap.";
+    "The file of --mcap holds every step, every plan with its samples and its potential, and all tracks and obstacle maps.";
 }
 
 function cells(row, texts, tag = "td") {
