@@ -199,7 +199,9 @@ class Flights(unittest.TestCase):
 
     def test_ctrl_c_ends_a_suite(self):
         """Thousands of flights take minutes."""
-        code = """import foxhound
+        # Where the tests run in the background of a shell, Ctrl-C is ignored unless it is asked for.
+        code = """import signal, foxhound
+signal.signal(signal.SIGINT, signal.default_int_handler)
 pairs = [[0.5, 0.5, 9, 9, 12.1]] * 20_000
 suite = foxhound.Suite({"maps": [{"row": 1, "instance": 0, "obstacles": [[3, 4, 0.5]], "pairs": pairs}]})
 print("ready", flush=True)
