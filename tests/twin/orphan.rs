@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
-use std::process::{Child, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use foxhound_tests::{foxhound, qemu_image, take_machine};
@@ -35,7 +35,9 @@ fn until(what: &str, is_so: impl Fn() -> bool) {
 
 fn flying() -> Child {
     let via = format!("qemu:{}", qemu_image());
-    let mut command = foxhound();
+    // Where the tests run in the background of a shell SIGINT is ignored, and a program that has just begun would miss it.
+    let mut command = Command::new("env");
+    command.arg("--default-signal=INT").arg(foxhound().get_program());
     command.args(["fly", "--json", "--via", &via, "--live", "--port", "0", "--speed", "0.1"]);
     command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
 }
@@ -50,7 +52,7 @@ fn qemu_never_outlives_its_parent_and_leaves_no_folder() {
         let pid = child.id();
         until("QEMU does not start", || qemus(pid).len() == 1);
         until("the folder stays", || folders(pid).is_empty());
-        let killed = std::process::Command::new("kill").args([signal, &pid.to_string()]).status().unwrap();
+        let killed = Command::new("kill").args([signal, &pid.to_string()]).status().unwrap();
         assert!(killed.success());
         child.wait().unwrap();
         until(&format!("QEMU runs on after {signal}"), || qemus(pid).is_empty());
