@@ -164,14 +164,12 @@ impl<'a> Sectors<'a> {
         let (mut least_mm, mut nearest, mut clear, mut absurd) = (CLEAR, 0, 0, None);
         let its = self.scan.rays.ranges_mm.get(from..).unwrap_or_default();
         for (ray, range_mm) in its.get(..self.rays_each).unwrap_or(its).iter().enumerate() {
-            if *range_mm != ABSURD && *range_mm <= most_mm {
-                if *range_mm < least_mm {
-                    (least_mm, nearest) = (*range_mm, ray);
-                }
-            } else if *range_mm == CLEAR {
-                clear += 1;
-            } else if *range_mm != UNKNOWN {
-                absurd = Some(from + ray);
+            match *range_mm {
+                UNKNOWN => {}
+                CLEAR => clear += 1,
+                range_mm if range_mm == ABSURD || range_mm > most_mm => absurd = Some(from + ray),
+                range_mm if range_mm < least_mm => (least_mm, nearest) = (range_mm, ray),
+                _ => {}
             }
         }
         match absurd {
