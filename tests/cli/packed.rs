@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use std::io::Read as _;
 use std::iter::repeat_with;
 
+use base64::prelude::{BASE64_STANDARD, Engine as _};
 use flate2::read::GzDecoder;
 use serde_json::{Map, Value};
 
@@ -16,7 +17,7 @@ pub(crate) fn records(page: &str) -> Vec<Value> {
     let (_, behind) = page.split_once("id=\"records\">").unwrap();
     let (packed, _) = behind.split_once("</script>").unwrap();
     let mut bytes = Vec::new();
-    GzDecoder::new(unbase64(packed).as_slice()).read_to_end(&mut bytes).unwrap();
+    GzDecoder::new(BASE64_STANDARD.decode(packed).unwrap().as_slice()).read_to_end(&mut bytes).unwrap();
     let end = bytes.iter().position(|byte| *byte == b'\n').unwrap();
     let head: Value = serde_json::from_slice(&bytes[..end]).unwrap();
     let mut data = bytes[end + 1..].iter();
@@ -50,22 +51,6 @@ fn list(value: &Value) -> &[Value] {
 
 fn size(value: &Value) -> usize {
     value.as_u64().unwrap() as usize
-}
-
-fn unbase64(text: &str) -> Vec<u8> {
-    let digit = |byte: u8| match byte {
-        b'A'..=b'Z' => byte - b'A',
-        b'a'..=b'z' => byte - b'a' + 26,
-        b'0'..=b'9' => byte - b'0' + 52,
-        b'+' => 62,
-        b'/' => 63,
-        _ => panic!("{byte} is no Base64"),
-    };
-    let group = |digits: &[u8]| {
-        let bits = (0..4).fold(0_u32, |bits, at| bits << 6 | digits.get(at).map_or(0, |byte| u32::from(digit(*byte))));
-        bits.to_be_bytes()[1..digits.len()].to_vec()
-    };
-    text.trim_end_matches('=').as_bytes().chunks(4).flat_map(group).collect()
 }
 
 /// A zigzag LEB128 number.

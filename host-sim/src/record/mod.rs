@@ -9,9 +9,7 @@
 //! | [`plot`] | the picture of a flight |
 //! | [`table`] | the flights of a suite, as CSV and Parquet |
 //! | `sheet` | what all pictures share |
-//! | `base64` | bytes as text |
 
-pub(crate) mod base64;
 pub mod listening;
 pub mod maps;
 pub mod mcap;

@@ -3,10 +3,10 @@
 //! An entity replaces the earlier one with its name, and every message of a topic is complete: so the picture is
 //! right at any time of the replay.
 
+use base64::prelude::{BASE64_STANDARD, Engine as _};
 use serde_json::{Value, json};
 
 use super::frame::{Enu, Rotation};
-use crate::record::base64;
 use crate::record::report::record::{Field, Plan, Step, Tracks, Xy};
 
 /// The frame of the map.
@@ -191,6 +191,6 @@ pub(super) fn potential(time_ns: u64, field: &Field, up_m: f64) -> Value {
             { "name": "followed", "offset": 0, "type": FLOAT32 },
             { "name": "mean", "offset": VALUE_BYTES, "type": FLOAT32 },
         ],
-        "data": base64::encode(&bytes),
+        "data": BASE64_STANDARD.encode(&bytes),
     })
 }

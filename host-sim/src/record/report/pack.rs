@@ -22,12 +22,12 @@
 use std::collections::BTreeMap;
 use std::io::{self, Write as _};
 
+use base64::prelude::{BASE64_STANDARD, Engine as _};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use serde_json::{Map, Value, json};
 
 use super::record::Record;
-use crate::record::base64;
 
 /// Decimal places of the finest number.
 const PLACES_MAX: i32 = 7;
@@ -77,7 +77,7 @@ pub(super) fn pack(records: &[Record]) -> io::Result<String> {
     gzip.write_all(head.to_string().as_bytes())?;
     gzip.write_all(b"\n")?;
     gzip.write_all(&bytes)?;
-    Ok(base64::encode(&gzip.finish()?))
+    Ok(BASE64_STANDARD.encode(&gzip.finish()?))
 }
 
 fn kind(value: &Value) -> String {
