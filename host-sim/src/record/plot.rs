@@ -20,6 +20,7 @@ use crate::drive::flight::{Ending, Record};
 use crate::scenario::VehicleModel;
 use crate::scenario::input::InputError;
 use crate::scenario::output;
+use crate::world::camera::picture::png_of;
 use crate::world::{Horizontal, Pillar, from_core};
 
 const PAGE: (u32, u32) = (1280, 960);
@@ -70,7 +71,7 @@ pub fn draw(record: &Record, path: &Path) -> Result<(), InputError> {
                 .and_then(|()| area.present())
                 .map_err(|error| sheet::failed(path, &error))?;
             drop(area);
-            let png = png_of(&pixels, width).map_err(|error| sheet::failed(path, &error))?;
+            let png = reduced_png(&pixels, width).map_err(|error| sheet::failed(path, &error))?;
             output::write(path, &png)
         }
         _ => Err(sheet::failed(path, &"a plot ends in .svg or .png")),
@@ -78,7 +79,7 @@ pub fn draw(record: &Record, path: &Path) -> Result<(), InputError> {
 }
 
 /// Averages blocks of pixels, which smooths every edge.
-fn png_of(pixels: &[u8], width: u32) -> Result<Vec<u8>, png::EncodingError> {
+fn reduced_png(pixels: &[u8], width: u32) -> Result<Vec<u8>, png::EncodingError> {
     let n = PNG_REDUCTION as usize;
     let row_bytes = width as usize * 3;
     let (out_width, out_height) = (width as usize / n, pixels.len() / row_bytes / n);
@@ -91,12 +92,7 @@ fn png_of(pixels: &[u8], width: u32) -> Result<Vec<u8>, png::EncodingError> {
             }
         }
     }
-    let mut png = Vec::new();
-    let mut encoder = png::Encoder::new(&mut png, out_width as u32, out_height as u32);
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_depth(png::BitDepth::Eight);
-    encoder.write_header()?.write_image_data(&reduced)?;
-    Ok(png)
+    png_of(&reduced, out_width, out_height)
 }
 
 /// A page that takes points and, inside the map, metres.

@@ -1,5 +1,6 @@
 //! The pictures of the camera that looks down, reduced for the report.
 
+use base64::prelude::{BASE64_STANDARD, Engine as _};
 use foxhound_computer::camera;
 use foxhound_core::guidance;
 use foxhound_core::landing::observation::Seen;
@@ -7,7 +8,7 @@ use foxhound_pad::Detector;
 
 use super::record::{Picture, milli, rounded};
 use crate::drive::flight;
-use crate::record::base64;
+use crate::world::camera::picture::png_of;
 use crate::world::camera::watch;
 
 /// Reduces pictures, and has the detector look at each.
@@ -56,19 +57,7 @@ impl Pictures {
             Some(Seen::Bad(_)) => "no good frame",
             None => "",
         };
-        let png = base64::encode(&png_of(&pixels, columns as u32, rows as u32).ok()?);
+        let png = BASE64_STANDARD.encode(&png_of(&pixels, columns, rows).ok()?);
         Some(Picture { time_s, height_m: milli(height_m), columns, rows, png, seen: words, pad })
     }
-}
-
-fn png_of(pixels: &[u8], columns: u32, rows: u32) -> Result<Vec<u8>, png::EncodingError> {
-    let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, columns, rows);
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_compression(png::Compression::High);
-    let mut writer = encoder.write_header()?;
-    writer.write_image_data(pixels)?;
-    writer.finish()?;
-    Ok(bytes)
 }

@@ -91,16 +91,24 @@ impl Picture {
     /// # Errors
     /// Names the file.
     pub fn write(&self, path: &Path) -> Result<(), InputError> {
-        let failed = |error: String| InputError::new(error).in_file(path);
-        let mut png = Vec::new();
-        let mut encoder = png::Encoder::new(&mut png, self.width as u32, self.height as u32);
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(png::BitDepth::Eight);
-        let mut writer = encoder.write_header().map_err(|error| failed(error.to_string()))?;
-        writer.write_image_data(&self.rgb).map_err(|error| failed(error.to_string()))?;
-        drop(writer);
+        let png = png_of(&self.rgb, self.width, self.height);
+        let png = png.map_err(|error| InputError::new(error.to_string()).in_file(path))?;
         output::write(path, &png)
     }
+}
+
+/// A PNG of red, green and blue of eight bits.
+///
+/// # Errors
+/// There are not as many bytes.
+pub fn png_of(rgb: &[u8], width: usize, height: usize) -> Result<Vec<u8>, png::EncodingError> {
+    let mut png = Vec::new();
+    let mut encoder = png::Encoder::new(&mut png, width as u32, height as u32);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_compression(png::Compression::High);
+    encoder.write_header()?.write_image_data(rgb)?;
+    Ok(png)
 }
 
 /// The picture, twice as large, with a circle around the detected pad.
