@@ -1,5 +1,5 @@
-//! Takes in the board that is chosen, or the host, where the program is built for that; puts its memory map where the linker looks for it, and links the way cortex-m-rt and defmt
-//! want it.
+//! Takes in the board that is chosen, or the host, where the program is built for that; puts its memory map where the linker looks
+//! for it, and links the way cortex-m-rt and defmt want it.
 //!
 //! A board is a file `NAME.rs` in `src/boards`, with its memory map `NAME/memory.x` beside it, and the feature `board-NAME`.
 
@@ -13,7 +13,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // The path of a module in braces is that of a folder.
     let module = format!("#[path = {folder:?}]\nmod folder {{\n    pub mod {name};\n}}\npub use folder::{name};\n");
     let alias = format!("/// The board that is chosen.\npub type Chosen = {name}::Machine;\n");
-    // As long as any path makes it: defmt tells messages apart by their place behind this text, so that the image would depend on the path.
+    // As long as any path makes it: defmt tells messages apart by their place behind this text, so that the image would depend on
+    // the path.
     fs::write(out.join("chosen.rs"), format!("{:<6000}\n", module + &alias))?;
     if name != HOST {
         place_linker_scripts(&folder.join(name), &out)?;
