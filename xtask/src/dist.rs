@@ -130,12 +130,12 @@ fn objcopy(arguments: &[&str], from: &Path, to: &Path) -> Result<(), Failure> {
     attend(Command::new(program).env("LD_LIBRARY_PATH", toolchain.join("lib")).args(arguments).arg(from).arg(to))
 }
 
-/// Builds `foxhound` for this machine, without what a debugger needs.
+/// Builds `foxhound` for this machine, without symbols: the names that the optimizer makes depend on the folder.
 fn program() -> Result<PathBuf, Failure> {
     let host = host()?;
     let mut cargo = cargo();
     cargo.args(["build", "--release", "--package", "foxhound-sim", "--bin", "foxhound", "--target", &host]);
-    cargo.args(["--config", "profile.release.debug=false", "--config", "profile.release.strip='debuginfo'"]);
+    cargo.args(["--config", "profile.release.debug=false", "--config", "profile.release.strip='symbols'"]);
     cargo.args(["--config", &path_setting(workspace(), &host)?]);
     let program = built(&mut cargo, "foxhound")?;
     let bytes = read(&program)?;
