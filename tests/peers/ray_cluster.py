@@ -1,7 +1,7 @@
 """Runs a script beside a Ray cluster of two nodes with a core each on this machine: the script, then its arguments.
 
-With `--kill` before the script, the process of a worker is ended by SIGKILL, with the flights that it has begun, as soon as
-one has begun to fly.
+With `--kill` before the script, the process of a worker is ended by SIGKILL, with the flight that it has begun, as soon as
+both nodes fly.
 """
 
 import contextlib
@@ -35,17 +35,24 @@ def parents():
 
 
 def kill_worker(running):
-    """Ends the first worker that flies; whether there was one."""
-    while running.poll() is None:
+    """Ends the first worker that flies, held until the other node flies too; whether both did."""
+    held, until = None, time.monotonic() + 120
+    while running.poll() is None and time.monotonic() < until:
         for flight, worker in parents().items():
-            # Stopped, it cannot end before its worker does.
             with contextlib.suppress(ProcessLookupError):
-                os.kill(flight, signal.SIGSTOP)
-                os.kill(worker, signal.SIGKILL)
-                os.kill(flight, signal.SIGKILL)
-                print(f"worker {worker} was killed", file=sys.stderr)
-                return True
+                if held is None:
+                    # Stopped, it cannot end before its worker does, and the other node must fly what waits.
+                    os.kill(flight, signal.SIGSTOP)
+                    held = worker, flight
+                elif worker != held[0]:
+                    for process in held:
+                        os.kill(process, signal.SIGKILL)
+                    print(f"worker {held[0]} was killed", file=sys.stderr)
+                    return True
         time.sleep(0.002)
+    for process in [running.pid, *(held or ())]:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process, signal.SIGKILL)
     return False
 
 
@@ -58,7 +65,7 @@ try:
     script, *options = arguments[kill:]
     running = subprocess.Popen([sys.executable, script, "--address", cluster.address, *options])
     if kill and not kill_worker(running):
-        sys.exit("no worker flew")
+        sys.exit("not both nodes flew")
     code = running.wait()
 finally:
     cluster.shutdown()
