@@ -1,7 +1,7 @@
 """Runs a script beside a Ray cluster of two nodes with a core each on this machine: the script, then its arguments.
 
-With `--kill` before the script, the process of a worker is ended by SIGKILL, with the flight that it has begun, as soon as
-both nodes fly.
+With `--kill` before the script, the process of a worker is ended by SIGKILL, with the flight that it has begun, when
+both nodes fly, and both fly again before the next shard is done.
 """
 
 import contextlib
@@ -20,40 +20,57 @@ from ray.cluster_utils import Cluster  # noqa: E402
 NODE = {"num_cpus": 1, "object_store_memory": 100 << 20}
 
 
-def parents():
-    """Processes that fly a shard of this cluster, and their parents: the workers. The program is in `$TMPDIR`."""
-    found = {}
+def status(process):
+    """State and parent of a process; nothing where it has ended."""
+    try:
+        state, parent = Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[:2]
+        return state, int(parent)
+    except OSError:
+        return None, None
+
+
+def flights():
+    """Processes that fly a shard of this cluster, each with its worker and its node's raylet. The program is in `$TMPDIR`."""
     for folder in Path("/proc").glob("[0-9]*"):
-        try:
+        with contextlib.suppress(OSError):
             command = (folder / "cmdline").read_bytes().split(b"\0")
-            parent = int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1])
-        except (OSError, IndexError):
-            continue  # It has ended meanwhile.
-        if b"--shard" in command and os.fsencode(os.environ["TMPDIR"]) in command[0]:
-            found[int(folder.name)] = parent
-    return found
+            if b"--shard" in command and os.fsencode(os.environ["TMPDIR"]) in command[0]:
+                worker = status(folder.name)[1]
+                node = worker and status(worker)[1]
+                if node:
+                    yield int(folder.name), worker, node
+
+
+def send(processes, number):
+    for process in processes:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process, number)
+
+
+def hold(running, other_than=None):
+    """Stops a flight, of another node than one if that is given: it cannot end then. The flight, its worker and its node."""
+    until = time.monotonic() + 120
+    while running.poll() is None and time.monotonic() < until:
+        for flight, worker, node in flights():
+            if node != other_than:
+                send([flight], signal.SIGSTOP)
+                while status(flight)[0] not in (None, "T", "Z"):
+                    time.sleep(0.001)
+                if status(flight)[0] == "T":
+                    return flight, worker, node
+        time.sleep(0.002)
+    send([running.pid], signal.SIGKILL)
+    sys.exit("not both nodes fly")
 
 
 def kill_worker(running):
-    """Ends the first worker that flies, held until the other node flies too; whether both did."""
-    held, until = None, time.monotonic() + 120
-    while running.poll() is None and time.monotonic() < until:
-        for flight, worker in parents().items():
-            with contextlib.suppress(ProcessLookupError):
-                if held is None:
-                    # Stopped, it cannot end before its worker does, and the other node must fly what waits.
-                    os.kill(flight, signal.SIGSTOP)
-                    held = worker, flight
-                elif worker != held[0]:
-                    for process in held:
-                        os.kill(process, signal.SIGKILL)
-                    print(f"worker {held[0]} was killed", file=sys.stderr)
-                    return True
-        time.sleep(0.002)
-    for process in [running.pid, *(held or ())]:
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(process, signal.SIGKILL)
-    return False
+    """Ends a worker that flies while the other node flies too, and lets that go on once there is a new worker at work."""
+    first, worker, node = hold(running)
+    second, _, other = hold(running, node)
+    send([worker, first], signal.SIGKILL)
+    print(f"worker {worker} was killed", file=sys.stderr)
+    third, _, _ = hold(running, other)
+    send([second, third], signal.SIGCONT)
 
 
 arguments = sys.argv[1:]
@@ -64,9 +81,10 @@ try:
     cluster.wait_for_nodes()
     script, *options = arguments[kill:]
     running = subprocess.Popen([sys.executable, script, "--address", cluster.address, *options])
-    if kill and not kill_worker(running):
-        sys.exit("not both nodes flew")
+    if kill:
+        kill_worker(running)
     code = running.wait()
 finally:
+    send([flight for flight, _, _ in flights()], signal.SIGKILL)
     cluster.shutdown()
 sys.exit(code)
