@@ -5,6 +5,7 @@ use crate::base::error::{ConfigError, Why, check};
 use crate::control::{evade, guard, track, vehicle_model, wind};
 use crate::doa::{array, bearing};
 use crate::landing;
+use crate::localize::belief::Localizer;
 use crate::localize::goal;
 use crate::localize::source::bank;
 use crate::mapping::{lidar, map, scan, tracks};
@@ -140,18 +141,13 @@ impl Config {
             plan_margin_m: 0.5 * self.planner.margin_m,
             target_distance_m: self.goal.target_distance_m,
             known_source_ned_m: self.goal.known_source_ned_m,
-            reflected_min: self.source.reflected_min,
-            slack_m: self.source.slack_m,
-            range_sigma_max: self.source.range_sigma_max,
             phase: self.phase.build()?,
             bearing: self.bearing.build(self.array.build()?)?,
             scan: self.scan.build()?,
             map: self.map.build()?,
             tracks: self.tracks.build()?,
-            source: self.source.build()?,
-            reflections: self.reflections,
+            localizer: Localizer::build(&self.goal, &self.source, self.reflections)?,
             searches: self.planner.explore.is_some(),
-            goal: self.goal.build()?,
             vehicle_model,
             wind: self.wind.build(&vehicle_model, self.tick_s)?,
             track: self.track.build()?,

@@ -133,7 +133,7 @@ const PILLARS: [(f32, f32, f32); 7] = [
 ];
 
 fn known<const N: usize>(state: &State<N>) -> std::vec::Vec<Disc> {
-    state.map.discs().collect()
+    state.surroundings.map.discs().collect()
 }
 
 #[test]
@@ -362,22 +362,24 @@ fn in_a_crowd_the_fast_loop_heeds_the_nearest_obstacles_and_otherwise_all_that_a
             })
             .collect();
         for part in circles.chunks(64) {
-            guidance.map.observe_circles(&mut state.map, Instant(1), Horizontal::default(), part).unwrap();
+            guidance.map.observe_circles(&mut state.surroundings.map, Instant(1), Horizontal::default(), part).unwrap();
         }
-        near::gather(&guidance.guard, &state.map, Horizontal::default(), &mut state.near);
+        near::gather(&guidance.guard, &state.surroundings.map, Horizontal::default(), &mut state.surroundings.near);
         let clearance = |o: &Neighbour| o.center_ned_m.norm() - o.reach_m;
         let mut all: StdVec<f32> = state
+            .surroundings
             .map
             .circles()
             .map(|c| clearance(&guidance.guard.obstacle(&c)))
             .filter(|c| *c < near::NEAR_M)
             .collect();
         all.sort_by(f32::total_cmp);
-        let farthest = state.near.iter().map(clearance).fold(f32::NEG_INFINITY, f32::max);
-        assert_eq!(state.near.len(), all.len().min(OBSTACLES_MAX), "{crowd}");
+        let farthest = state.surroundings.near.iter().map(clearance).fold(f32::NEG_INFINITY, f32::max);
+        assert_eq!(state.surroundings.near.len(), all.len().min(OBSTACLES_MAX), "{crowd}");
         // Within a ring's width.
         assert!(
-            all.get(state.near.len()).is_none_or(|next| farthest < next + near::NEAR_M / f32::from(near::FAR)),
+            all.get(state.surroundings.near.len())
+                .is_none_or(|next| farthest < next + near::NEAR_M / f32::from(near::FAR)),
             "{crowd}"
         );
     }

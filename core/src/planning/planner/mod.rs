@@ -22,7 +22,7 @@ use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Disc, Obstacle};
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
-use crate::localize::goal::SIGHTINGS_MAX;
+use crate::localize::belief::SIGHTINGS_MAX;
 use crate::localize::goal::posterior::Estimate;
 use crate::localize::source::Sighting;
 use crate::mapping::map::CIRCLES_MAX;
