@@ -1,135 +1,179 @@
 //! One step of the fast loop: input is taken, the mission decides, and one setpoint is output.
 
-use super::mission::{self, Behaviour, Control, Outcome, Progress};
+use super::mission::{self, Behaviour, Control, Mission, Outcome, Progress};
+use super::turning::Turning;
 use super::{Guidance, Input, Output, State};
-use crate::base::ownship::Ownship;
+use crate::base::ownship::{Ownship, Stale};
+use crate::base::trace::Trace;
 use crate::control::guard::{self, GuardInput, Setpoint};
 use crate::control::track::Demand;
 use crate::doa::bearing::{Bearing, Flags};
 use crate::landing;
-use crate::planning::planner::{Searched, Verdict};
+use crate::planning::planner::{Plan, Searched, Verdict};
 use crate::planning::rollout::WAYPOINTS;
+
+/// What the mission says about this step.
+struct Decision<'a> {
+    outcome: Outcome,
+    stale: Option<Stale>,
+    mission: &'a Mission,
+    /// Set while the vehicle turns to receive.
+    turning: Option<&'a Turning>,
+}
+
+/// What is commanded in this step.
+#[derive(Default)]
+struct Command {
+    setpoint: Setpoint,
+    guard: guard::Action,
+    plan_requested: bool,
+}
 
 impl<const N: usize> Guidance<N> {
     /// One step of the fast loop: all input is processed, and nothing is left for the next step.
     pub fn step(&self, state: &mut State<N>, input: &Input<'_, N>) -> Output {
         state.tick = state.tick.wrapping_add(1);
-        if let Some(ownship) = input.ownship.filter(Ownship::is_plausible) {
-            state.vehicle.agreement.follow(state.vehicle.ownship.as_ref(), &ownship);
-            state.vehicle.ownship = Some(ownship);
-        }
+        take_ownship(state, input.ownship);
         let heard = self.listen(state, input.front_end);
         let (bearing, bearing_ned_rad) = heard.and_then(|heard| self.hear(state, &heard)).unzip();
         let bearing_ned_rad = bearing_ned_rad.flatten();
         self.look(state, input);
         let plan_activated = self.take_over(state, input.plan);
-
-        if let Some(ownship) = &state.vehicle.ownship {
-            let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
-            self.wind.begin(&mut state.vehicle.wind, ownship.roll_rad, ownship.pitch_rad, velocity_ned_mps);
-            self.wind.step(&mut state.vehicle.wind, &state.vehicle.model, velocity_ned_mps, ownship.position_time);
-        }
-        let was_landing = is_landing(state);
+        self.estimate_wind(state);
         self.land(state, input, bearing.as_ref());
-        if was_landing && !is_landing(state) {
-            // It seeks again, from its present position.
-            state.plans.active = None;
-        }
         let situation = self.situation(state);
-        let facts = self.mission_input(state, input, &situation);
-        let turning = self.turning.as_ref().filter(|turning| turning.is_used(&state.turning));
-        let mission = turning.map_or(&self.mission, |turning| &turning.mission);
-        let mut outcome = mission.admit(&mut state.mission, &facts);
-        let stale = mission.stale(&facts).filter(|_| outcome == Outcome::StaleOwnship);
-        // It turns to receive a signal, not for any other reason to hold.
-        let turning = turning.filter(|_| matches!(outcome, Outcome::Nominal | Outcome::NoSignal | Outcome::Ambiguous));
-        let may_search = turning.is_none() || state.last_flags.contains(Flags::NO_SIGNAL);
-        let mut guard_action = guard::Action::Passed;
-        let mut setpoint = Setpoint::default();
-        let mut plan_requested = false;
-        state.plans.is_searching = self.searches
-            && may_search
-            && outcome == Outcome::NoSignal
-            && !is_landing(state)
-            && state.plans.active.as_ref().is_none_or(|plan| plan.search != Some(Searched::Ended));
-        match outcome.behaviour() {
-            Behaviour::None if has_landed(state) && input.is_landed => {
-                self.let_go(state);
-                outcome = Outcome::Landed;
-            }
-            Behaviour::None => {
-                self.let_go(state);
-                state.arrival.landing = landing::State::default();
-                state.arrival.advice = None;
-            }
-            Behaviour::Follow if is_landing(state) => {
-                let (mut demand, ends) = landing_demand(state);
-                if let Some(look_ned_rad) = state.control.look_ned_rad {
-                    demand.yaw_rate_radps = self.track.turn_to(look_ned_rad, situation.yaw_rad);
-                }
-                (setpoint, guard_action) = self.command(state, &demand, &situation, false);
-                let progress = match guard_action {
-                    _ if !demand.velocity_ned_mps.is_finite() => Progress::NotFinite,
-                    guard::Action::Braked => Progress::GuardBraked,
-                    _ => Progress::Following,
-                };
-                outcome = mission.conclude(&mut state.mission, input.now, progress);
-                if outcome == Outcome::Nominal {
-                    outcome = ends.unwrap_or(outcome);
-                }
-            }
-            Behaviour::Hold if !state.plans.is_searching => {
-                let stay = Demand::default();
-                let demand = turning.map_or(stay, |turning| turning.turn(stay));
-                // Its position or its surroundings are not known well enough to give way.
-                let knows = !matches!(outcome, Outcome::StaleOwnship | Outcome::StaleObstacles | Outcome::Fault);
-                (setpoint, _) = self.command(state, &demand, &situation, knows);
-            }
-            Behaviour::Hold | Behaviour::Follow => {
-                let demand = self.demand(state, &situation);
-                let demanded = demand.unwrap_or_default();
-                let demanded = turning.map_or(demanded, |turning| turning.turn(demanded));
-                (setpoint, guard_action) = self.command(state, &demanded, &situation, true);
-                let progress = progress(state, demand, guard_action);
-                let concluded = mission.conclude(&mut state.mission, input.now, progress);
-                if !state.plans.is_searching {
-                    outcome = concluded;
-                }
-                plan_requested = self.ask(state, input.now, &situation, progress);
-            }
-        }
-        state.arrival.is_blocked = guard_action == guard::Action::Braked;
+        let mut decision = self.decide(state, input, &situation);
+        let Command { setpoint, guard, plan_requested } = self.act(state, input, &situation, &mut decision);
+        state.arrival.is_blocked = guard == guard::Action::Braked;
         self.vehicle_model.command(&mut state.vehicle.model, setpoint.velocity_ned_mps.horizontal());
+        note(&mut state.trace, bearing.as_ref(), &setpoint);
 
-        if let Some(bearing) = &bearing {
-            state.trace.float(bearing.azimuth_rad);
-            state.trace.float(bearing.sigma_rad);
-            state.trace.word(u32::from(bearing.flags.0) | u32::from(bearing.valid) << 16);
-        }
         let is_overhead = bearing.is_some_and(|bearing| is_overhead(state.vehicle.ownship.as_ref(), &bearing));
-        let velocity = setpoint.velocity_ned_mps;
-        for value in [velocity.north, velocity.east, velocity.down, setpoint.yaw_rate_radps] {
-            state.trace.float(value);
-        }
+        let plan = state.plans.active.as_ref();
         Output {
             time: input.now,
-            outcome,
-            stale,
+            outcome: decision.outcome,
+            stale: decision.stale,
             setpoint,
             bearing: bearing.map(|bearing| if is_overhead { unusable(bearing) } else { bearing }),
             bearing_ned_rad: bearing_ned_rad.filter(|_| !is_overhead),
             source_bearing_ned_rad: state.belief.bearing_ned_rad(),
-            target_ned_m: state.plans.active.as_ref().map(|plan| plan.target_ned_m),
-            source: state.plans.active.as_ref().and_then(|plan| plan.source),
+            target_ned_m: plan.map(|plan| plan.target_ned_m),
+            source: plan.and_then(|plan| plan.source),
             source_share_and_nis: state.belief.share_and_nis(),
             landing: state.arrival.advice,
-            guard: guard_action,
+            guard,
             guard_counts: state.control.guard.counts(),
             plan_requested,
             plan_activated,
             plans_late: state.plans.late,
             trace_hash: state.trace.hash(),
         }
+    }
+
+    /// Estimates the gusts from the last position received.
+    fn estimate_wind(&self, state: &mut State<N>) {
+        let Some(ownship) = &state.vehicle.ownship else { return };
+        let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
+        self.wind.begin(&mut state.vehicle.wind, ownship.roll_rad, ownship.pitch_rad, velocity_ned_mps);
+        self.wind.step(&mut state.vehicle.wind, &state.vehicle.model, velocity_ned_mps, ownship.position_time);
+    }
+
+    /// Asks the mission what to do, and whether to search.
+    fn decide(&self, state: &mut State<N>, input: &Input<'_, N>, situation: &GuardInput) -> Decision<'_> {
+        let facts = self.mission_input(state, input, situation);
+        let turning = self.turning.as_ref().filter(|turning| turning.is_used(&state.turning));
+        let mission = turning.map_or(&self.mission, |turning| &turning.mission);
+        let outcome = mission.admit(&mut state.mission, &facts);
+        let stale = mission.stale(&facts).filter(|_| outcome == Outcome::StaleOwnship);
+        // It turns to receive a signal, not for any other reason to hold.
+        let turning = turning.filter(|_| matches!(outcome, Outcome::Nominal | Outcome::NoSignal | Outcome::Ambiguous));
+        let may_search = turning.is_none() || state.last_flags.contains(Flags::NO_SIGNAL);
+        let has_ended = |plan: &Plan| plan.search == Some(Searched::Ended);
+        state.plans.is_searching = self.searches
+            && may_search
+            && outcome == Outcome::NoSignal
+            && !is_landing(state)
+            && !state.plans.active.as_ref().is_some_and(has_ended);
+        Decision { outcome, stale, mission, turning }
+    }
+
+    /// Does what was decided. What happens may change the outcome.
+    fn act(
+        &self,
+        state: &mut State<N>,
+        input: &Input<'_, N>,
+        situation: &GuardInput,
+        decision: &mut Decision<'_>,
+    ) -> Command {
+        match decision.outcome.behaviour() {
+            Behaviour::None => {
+                self.let_go(state);
+                if has_landed(state) && input.is_landed {
+                    decision.outcome = Outcome::Landed;
+                } else {
+                    state.arrival.landing = landing::State::default();
+                    state.arrival.advice = None;
+                }
+                Command::default()
+            }
+            Behaviour::Follow if is_landing(state) => self.descend(state, input, situation, decision),
+            Behaviour::Hold if !state.plans.is_searching => {
+                let stay = Demand::default();
+                let demand = decision.turning.map_or(stay, |turning| turning.turn(stay));
+                // Its position or its surroundings are not known well enough to give way.
+                let knows =
+                    !matches!(decision.outcome, Outcome::StaleOwnship | Outcome::StaleObstacles | Outcome::Fault);
+                let (setpoint, _) = self.command(state, &demand, situation, knows);
+                Command { setpoint, ..Command::default() }
+            }
+            Behaviour::Hold | Behaviour::Follow => self.follow(state, input, situation, decision),
+        }
+    }
+
+    /// Follows the landing.
+    fn descend(
+        &self,
+        state: &mut State<N>,
+        input: &Input<'_, N>,
+        situation: &GuardInput,
+        decision: &mut Decision<'_>,
+    ) -> Command {
+        let (mut demand, ends) = landing_demand(state);
+        if let Some(look_ned_rad) = state.control.look_ned_rad {
+            demand.yaw_rate_radps = self.track.turn_to(look_ned_rad, situation.yaw_rad);
+        }
+        let (setpoint, guard) = self.command(state, &demand, situation, false);
+        let progress = match guard {
+            _ if !demand.velocity_ned_mps.is_finite() => Progress::NotFinite,
+            guard::Action::Braked => Progress::GuardBraked,
+            _ => Progress::Following,
+        };
+        decision.outcome = decision.mission.conclude(&mut state.mission, input.now, progress);
+        if decision.outcome == Outcome::Nominal {
+            decision.outcome = ends.unwrap_or(decision.outcome);
+        }
+        Command { setpoint, guard, plan_requested: false }
+    }
+
+    /// Follows the plan, and asks for the next one.
+    fn follow(
+        &self,
+        state: &mut State<N>,
+        input: &Input<'_, N>,
+        situation: &GuardInput,
+        decision: &mut Decision<'_>,
+    ) -> Command {
+        let demand = self.demand(state, situation);
+        let demanded = demand.unwrap_or_default();
+        let demanded = decision.turning.map_or(demanded, |turning| turning.turn(demanded));
+        let (setpoint, guard) = self.command(state, &demanded, situation, true);
+        let progress = progress(state, demand, guard);
+        let concluded = decision.mission.conclude(&mut state.mission, input.now, progress);
+        if !state.plans.is_searching {
+            decision.outcome = concluded;
+        }
+        Command { setpoint, guard, plan_requested: self.ask(state, input.now, situation, progress) }
     }
 
     /// The guard's input: the vehicle's position and rest point.
@@ -153,6 +197,7 @@ impl<const N: usize> Guidance<N> {
     /// Runs the landing for this step; not before the vehicle is in control, and not after, unless it has landed.
     fn land(&self, state: &mut State<N>, input: &Input<'_, N>, bearing: Option<&Bearing>) {
         let Some(lander) = &self.lander else { return };
+        let was_landing = is_landing(state);
         if input.control != Control::Granted && !(input.is_landed && is_landing(state)) {
             return;
         }
@@ -171,6 +216,10 @@ impl<const N: usize> Guidance<N> {
         state.arrival.advice = Some(lander.step(&mut state.arrival.landing, &facts));
         let by_pad = input.ownship.and_then(|ownship| state.arrival.landing.height_m(ownship.position_ned_m.down));
         state.vehicle.height_m = input.height_m.or(by_pad);
+        if was_landing && !is_landing(state) {
+            // It seeks again, from its present position.
+            state.plans.active = None;
+        }
     }
 
     fn mission_input(&self, state: &State<N>, input: &Input<'_, N>, situation: &GuardInput) -> mission::Input {
@@ -189,6 +238,26 @@ impl<const N: usize> Guidance<N> {
             bearing_flags: state.last_flags,
             place_ned_m: situation.position_ned_m,
         }
+    }
+}
+
+fn take_ownship<const N: usize>(state: &mut State<N>, heard: Option<Ownship>) {
+    if let Some(ownship) = heard.filter(Ownship::is_plausible) {
+        state.vehicle.agreement.follow(state.vehicle.ownship.as_ref(), &ownship);
+        state.vehicle.ownship = Some(ownship);
+    }
+}
+
+/// Adds a step's bearing and setpoint to the trace.
+fn note(trace: &mut Trace, bearing: Option<&Bearing>, setpoint: &Setpoint) {
+    if let Some(bearing) = bearing {
+        trace.float(bearing.azimuth_rad);
+        trace.float(bearing.sigma_rad);
+        trace.word(u32::from(bearing.flags.0) | u32::from(bearing.valid) << 16);
+    }
+    let velocity = setpoint.velocity_ned_mps;
+    for value in [velocity.north, velocity.east, velocity.down, setpoint.yaw_rate_radps] {
+        trace.float(value);
     }
 }
 
