@@ -61,7 +61,7 @@ impl Config {
     /// From guidance's configuration, if it takes obstacles from a lidar; the range is that of guidance.
     #[must_use]
     pub fn of(config: &guidance::Config) -> Option<Self> {
-        let range_max_m = config.guard.coverage.range_m.min(REACH_M);
+        let range_max_m = config.sensor.range_m.min(REACH_M);
         config.lidar.map(|mount| Self { mount, range_max_m, ..Self::default() })
     }
 

@@ -35,7 +35,7 @@ fn bearing(time: Instant, azimuth_rad: f32) -> Bearing {
 
 fn main() -> Result<(), ConfigError> {
     let config = Config { seed: 1, ..Config::default() };
-    let (guidance, planner) = (config.build::<256>()?, config.planner.build()?);
+    let (guidance, planner) = (config.build::<256>()?, config.build_planner()?);
     let (mut state, mut workspace) = (guidance.start(), Box::new(Workspace::new()));
     let beacon_ned_m = Horizontal { north: 8.0, east: 2.0 };
     let center_ned_m = Horizontal { north: 4.0, east: 0.9 };

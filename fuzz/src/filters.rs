@@ -3,6 +3,7 @@
 
 use std::f32::consts::{PI, TAU};
 
+use foxhound_core::base::config::RangeSensor;
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Disc;
 use foxhound_core::base::pose::Pose;
@@ -530,12 +531,11 @@ fn search(draw: &mut Draw<'_>) -> Reached {
         limit_s: draw.field(usual.limit_s, 1.0, 600.0),
         radius_m: draw.field(usual.radius_m, 1.0, 60.0),
         cell_m: draw.field(usual.cell_m, 0.2, 20.0),
-        clearance_m: draw.field(usual.clearance_m, 0.0, 2.0),
         shade_m: draw.field(usual.shade_m, 0.0, 2.0),
         seed: draw.word(),
         ..usual
     };
-    let Ok(explorer) = config.build() else { return reached };
+    let Ok(explorer) = config.build(draw.field(0.2, 0.0, 2.0)) else { return reached };
     reached.configured = true;
     let mut state = explore::State::new();
     let (mut now, mut here, mut began) = (Instant(0), place(draw), None);
@@ -557,8 +557,8 @@ fn search(draw: &mut Draw<'_>) -> Reached {
             began = None;
         }
         let pose = Pose { position_ned_m: here, yaw_rad: draw.any(-PI, PI) };
-        let (range_m, fov_rad) = (draw.any(0.1, 10.0), draw.any(0.1, 7.0));
-        let explored = explorer.step(&mut state, now, &pose, range_m, fov_rad, circles.iter());
+        let sensor = RangeSensor { range_m: draw.any(0.1, 10.0), fov_rad: draw.any(0.1, 7.0) };
+        let explored = explorer.step(&mut state, now, &pose, &sensor, circles.iter());
         if began.is_none() && state.is_searching() {
             began = Some(here);
         }

@@ -24,7 +24,7 @@ use foxhound_papers::AllSystems;
 use super::{Draw, Reached};
 use drawn::{
     any_bearing, bearing, circle, circles, draw_time, guard_config, guidance_config, look, not_absurd, place, points,
-    scan, situation,
+    scan, sensor, situation, vehicle,
 };
 
 /// Longest flight, steps.
@@ -91,7 +91,7 @@ fn guarded(draw: &mut Draw<'_>) -> Reached {
     let mut reached = Reached::default();
     let limits = guard_config(draw);
     let dt_s = draw.between(0.005, 0.1);
-    let Ok(guard) = limits.build() else { return reached };
+    let Ok(guard) = limits.build(&vehicle(draw), &sensor(draw)) else { return reached };
     reached.configured = true;
     let mut state = guard::State::default();
     let (mut last, mut last_change_mps, mut beats) = (Ned::default(), 0.0, 0);

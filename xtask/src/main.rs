@@ -79,6 +79,9 @@ enum Task {
         /// Print one JSON object: base, `with_link`, link, allocator, functions
         #[arg(long)]
         json: bool,
+        /// Print instead what each layer of the board's whole image takes, as `docs/results/size.md` has it
+        #[arg(long, conflicts_with = "json")]
+        layers: bool,
     },
     /// Print the places from which the image can panic in flight
     Panics {
@@ -215,7 +218,8 @@ fn run(task: &Task) -> Result<(), Failure> {
         Task::Firmware { board, json } => firmware(board, *json),
         Task::Dist { dirty, twice } => dist::run(*dirty, *twice),
         Task::Api { renew } => api::run(*renew),
-        Task::Size { json } => size::run(*json),
+        Task::Size { layers: true, .. } => size::layers(),
+        Task::Size { json, .. } => size::run(*json),
         Task::Panics { json } => panics::run(*json),
         Task::Stack { json } => stack::run(*json),
         Task::Flash => {

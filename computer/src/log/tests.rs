@@ -32,7 +32,7 @@ impl Parts {
             config,
             state: guidance.start(),
             guidance,
-            systems: config.planner.build().unwrap(),
+            systems: config.build_planner().unwrap(),
             companion: companion::Config::default().build_with(Values::of(&config)).unwrap(),
             receiver: Receiver::new(None, &selftest::Config::default()).unwrap(),
             lidar: None,

@@ -61,7 +61,7 @@ impl<'a> Computer<'a> {
             config,
             state: guidance.start(),
             guidance,
-            systems: config.planner.build().unwrap(),
+            systems: config.build_planner().unwrap(),
             companion: link.build_with(Values::of(&config)).unwrap(),
             receiver: Receiver::new(None, &selftest::Config::default()).unwrap(),
             lidar: None,

@@ -2,6 +2,7 @@
 //! position, errors. It imports no other layer.
 
 pub mod adc;
+pub mod config;
 pub mod error;
 pub mod math;
 pub mod ned;

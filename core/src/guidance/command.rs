@@ -18,17 +18,17 @@ const WALKS_MPS: f32 = 0.5;
 impl<const N: usize> Guidance<N> {
     /// The demand of the active plan; `None` when there is nothing to follow.
     pub(super) fn demand(&self, state: &mut State<N>, situation: &GuardInput) -> Option<Demand> {
-        let plan = state.active.as_ref()?;
+        let plan = state.plans.active.as_ref()?;
         let trajectory = &plan.waypoints_ned_m;
         let mut demand =
-            self.track.step(&mut state.track, trajectory, situation.rest_ned_m, situation.yaw_rad, self.tick_s);
-        if let Some(look_ned_rad) = state.look_ned_rad {
+            self.track.step(&mut state.control.track, trajectory, situation.rest_ned_m, situation.yaw_rad, self.tick_s);
+        if let Some(look_ned_rad) = state.control.look_ned_rad {
             demand.yaw_rate_radps = self.track.turn_to(look_ned_rad, situation.yaw_rad);
         }
         if plan.verdict == Verdict::Brake {
             demand.velocity_ned_mps = Horizontal::default();
             // No safe path in sight: look towards the source.
-            if let Some(bearing_rad) = state.goal.source_bearing_ned_rad() {
+            if let Some(bearing_rad) = state.belief.bearing_ned_rad() {
                 demand.yaw_rate_radps = self.track.turn_to(bearing_rad, situation.yaw_rad);
             }
         }
@@ -48,26 +48,26 @@ impl<const N: usize> Guidance<N> {
         let mut situation = *situation;
         if is_landing(state) {
             // The altitude to hold next is the one where the landing ends.
-            state.hold_down_m = None;
+            state.control.hold_down_m = None;
             situation.held_down_m = None;
-        } else if let Some(ownship) = &state.ownship {
+        } else if let Some(ownship) = &state.vehicle.ownship {
             let down_m = ownship.position_ned_m.down;
-            demand.down_mps = self.track.hold_altitude(*state.hold_down_m.get_or_insert(down_m), down_m);
+            demand.down_mps = self.track.hold_altitude(*state.control.hold_down_m.get_or_insert(down_m), down_m);
         }
         if evades {
-            let ownship = state.ownship.unwrap_or_default();
-            let (standing, told) = near::told_apart(&state.near);
+            let ownship = state.vehicle.ownship.unwrap_or_default();
+            let (standing, told) = near::told_apart(&state.surroundings.near);
             let mut followed = Vec::new();
-            near::followed(&self.guard, self.tracks.radius_m(), &state.tracks, &mut followed);
+            near::followed(&self.guard, self.tracks.radius_m(), &state.surroundings.tracks, &mut followed);
             let evasion = self.evade.step(
-                &mut state.evade,
+                &mut state.control.evade,
                 demand.velocity_ned_mps,
                 &evade::Input {
                     position_ned_m: situation.position_ned_m,
                     velocity_ned_mps: ownship.velocity_ned_mps.horizontal(),
-                    command_ned_mps: state.guard.command_ned_mps(),
-                    halfway_ned_mps: state.wind.halfway_mps(),
-                    underway: &state.vehicle_model,
+                    command_ned_mps: state.control.guard.command_ned_mps(),
+                    halfway_ned_mps: state.vehicle.wind.halfway_mps(),
+                    underway: &state.vehicle.model,
                     standing,
                     moving: [told, &followed],
                 },
@@ -79,34 +79,37 @@ impl<const N: usize> Guidance<N> {
             // With scans, the guard has the hits of a tracked body, and the moving circles of the map. With reported
             // circles, it keeps clear of a body's present place as if it stood there; walking bodies are left to the
             // evader, since they will have left that place when the vehicle arrives.
-            if !state.tracks.has_scanned() {
+            if !state.surroundings.tracks.has_scanned() {
                 if situation.is_evading {
-                    state.near.retain(|one| one.velocity_ned_mps.norm_squared() < WALKS_MPS * WALKS_MPS);
+                    state.surroundings.near.retain(|one| one.velocity_ned_mps.norm_squared() < WALKS_MPS * WALKS_MPS);
                 }
-                for body in state.near.iter_mut().filter(|one| one.velocity_ned_mps != Horizontal::default()) {
+                for body in
+                    state.surroundings.near.iter_mut().filter(|one| one.velocity_ned_mps != Horizontal::default())
+                {
                     body.velocity_ned_mps = Horizontal::default();
                     body.reach_m -= BODY_M;
                 }
             }
         }
-        let ruling = self.guard.step(&mut state.guard, &demand, &situation, &state.near, self.tick_s);
-        state.look_ned_rad = ruling.look_ned_rad;
+        let ruling =
+            self.guard.step(&mut state.control.guard, &demand, &situation, &state.surroundings.near, self.tick_s);
+        state.control.look_ned_rad = ruling.look_ned_rad;
         (ruling.setpoint, ruling.action)
     }
 
     /// Out of control: everything that belongs to a mission starts over; knowledge of the surroundings is kept.
     pub(super) fn let_go(&self, state: &mut State<N>) {
-        state.guard.release();
-        state.wind.release();
-        state.agreement.release();
-        state.is_searching = false;
-        state.look_ned_rad = None;
-        state.track = track::State::default();
-        state.evade = evade::State::default();
-        state.hold_down_m = None;
-        state.due = None;
-        state.pending = None;
-        state.active = None;
-        state.is_plan_late = false;
+        state.control.guard.release();
+        state.vehicle.wind.release();
+        state.vehicle.agreement.release();
+        state.plans.is_searching = false;
+        state.control.look_ned_rad = None;
+        state.control.track = track::State::default();
+        state.control.evade = evade::State::default();
+        state.control.hold_down_m = None;
+        state.plans.due = None;
+        state.plans.pending = None;
+        state.plans.active = None;
+        state.plans.is_late = false;
     }
 }

@@ -1,14 +1,16 @@
 //! The configuration of the whole chain, checked and built module by module.
 
 use super::{Guidance, mission, turning};
-use crate::base::error::{ConfigError, Why, check};
+use crate::base::config::{RangeSensor, Vehicle};
+use crate::base::error::{ConfigError, check};
 use crate::control::{evade, guard, track, vehicle_model, wind};
 use crate::doa::{array, bearing};
 use crate::landing;
+use crate::localize::belief::Localizer;
 use crate::localize::goal;
 use crate::localize::source::bank;
 use crate::mapping::{lidar, map, scan, tracks};
-use crate::planning::planner;
+use crate::planning::planner::{self, Planner};
 use crate::planning::rollout::WAYPOINTS;
 use crate::signal::phase;
 
@@ -18,6 +20,10 @@ use crate::signal::phase;
 pub struct Config {
     /// Seed of all random numbers of the flight.
     pub seed: u64,
+    /// The vehicle.
+    pub vehicle: Vehicle,
+    /// The obstacle sensor.
+    pub sensor: RangeSensor,
     /// Period of the steps.
     pub tick_s: f32,
     /// Steps from a plan's request to the step in which it takes effect.
@@ -73,6 +79,8 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             seed: 0,
+            vehicle: Vehicle::DEFAULT,
+            sensor: RangeSensor::DEFAULT,
             tick_s: 0.02,
             handover_ticks: 5,
             replan_at_waypoint: 5,
@@ -102,13 +110,12 @@ impl Default for Config {
 }
 
 impl Config {
-    /// Sets the vehicle's radius in all configurations that use it.
-    pub fn set_vehicle_radius_m(&mut self, radius_m: f32) {
-        if let Some(explore) = &mut self.planner.explore {
-            explore.clearance_m = radius_m + self.planner.margin_m;
-        }
-        self.planner.vehicle_radius_m = radius_m;
-        self.guard.vehicle_radius_m = radius_m;
+    /// The planner of this configuration.
+    ///
+    /// # Errors
+    /// The field that is refused.
+    pub fn build_planner(&self) -> Result<Planner, ConfigError> {
+        self.planner.build(&self.vehicle, &self.sensor)
     }
 
     /// Checks the configuration of every module.
@@ -121,14 +128,10 @@ impl Config {
         check("replan_at_waypoint", f32::from(self.replan_at_waypoint), 1.0, WAYPOINTS as f32)?;
         check("replan_after_s", self.replan_after_s, 0.1, 60.0)?;
         check("retry_s", self.retry_s, 0.05, 10.0)?;
-        if self.planner.vehicle_radius_m < self.guard.vehicle_radius_m {
-            let why = Why::Inconsistent("the planner's vehicle radius must not be smaller than the guard's");
-            return Err(ConfigError { field: "planner.vehicle_radius_m", value: self.planner.vehicle_radius_m, why });
-        }
         if let Some(lidar) = &self.lidar {
             lidar.check()?;
         }
-        self.planner.build()?;
+        self.build_planner()?;
         let vehicle_model = self.vehicle_model.build(self.tick_s)?;
         Ok(Guidance {
             seed: self.seed,
@@ -140,18 +143,13 @@ impl Config {
             plan_margin_m: 0.5 * self.planner.margin_m,
             target_distance_m: self.goal.target_distance_m,
             known_source_ned_m: self.goal.known_source_ned_m,
-            reflected_min: self.source.reflected_min,
-            slack_m: self.source.slack_m,
-            range_sigma_max: self.source.range_sigma_max,
             phase: self.phase.build()?,
             bearing: self.bearing.build(self.array.build()?)?,
             scan: self.scan.build()?,
             map: self.map.build()?,
             tracks: self.tracks.build()?,
-            source: self.source.build()?,
-            reflections: self.reflections,
+            localizer: Localizer::build(&self.goal, &self.source, self.reflections)?,
             searches: self.planner.explore.is_some(),
-            goal: self.goal.build()?,
             vehicle_model,
             wind: self.wind.build(&vehicle_model, self.tick_s)?,
             track: self.track.build()?,
@@ -161,7 +159,7 @@ impl Config {
                 self.guard.evade_max_mps,
                 self.guard.a_max_mps2,
             )?,
-            guard: self.guard.build()?,
+            guard: self.guard.build(&self.vehicle, &self.sensor)?,
             mission: self.mission.build()?,
             turning: match &self.turning {
                 Some(turning) => Some(turning.build(&self.mission, self.guard.yaw_rate_max_radps)?),

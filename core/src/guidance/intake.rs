@@ -4,25 +4,16 @@
 use super::systems::Systems;
 use super::{FrontEnd, Guidance, Input, Measurement, State, near, turning};
 use crate::base::adc::AdcFrame;
-use crate::base::ned::Horizontal;
 use crate::base::obstacle::Circle;
 use crate::base::ownship::Ownship;
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
 use crate::doa::bearing::{Bearing, BearingEstimator};
-use crate::localize::link_state::{self, Classifier, Sightline};
-use crate::localize::source::Sighting;
-use crate::localize::source::bank::{self, Mode, Path};
 use crate::mapping::scan::{Points, Refusal, Scan, Segmentation};
 use crate::signal::phase::Phasors;
 
 /// The pose at the time of a measurement is known from positions and attitudes no farther away in time than this.
 const POSE_AGE_MAX_S: f32 = 0.3;
-/// The classifier of reflected and direct links, with the ratio of reflected to direct links.
-const CLASSIFIER: Classifier = Classifier::TRAINED;
-const REFLECTED_PRIOR: f32 = 0.25;
-/// Share of the weight that the leading filter must have for its reflection to be followed.
-const SURE: f32 = 0.7;
 
 /// Deliveries of obstacle sensors that did not enter the map, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -107,16 +98,9 @@ impl<const N: usize> Guidance<N> {
             return self.hear_by_turning(turning, state, &bearing, phasors.as_ref());
         }
         state.last_flags = bearing.flags;
-        let sane =
-            libm::fabsf(bearing.azimuth_rad) <= 100.0 && bearing.sigma_rad.is_finite() && bearing.sigma_rad > 0.0;
-        let usable = state.ownship.filter(|_| bearing.valid && sane);
-        let bearing_ned_rad = usable.map(|ownship| self.goal.observe(&mut state.goal, &bearing, &ownship));
-        if let Some(ownship) = state.ownship.filter(|_| self.reflections) {
-            self.classify(state, &bearing, bearing_ned_rad, &ownship);
-        }
-        if let (Some(ownship), Some(bearing_ned_rad)) = (usable, bearing_ned_rad) {
-            self.gather(state, &bearing, bearing_ned_rad, &ownship);
-        }
+        let walls = state.plans.active.as_ref().map_or(&[][..], |plan| &plan.lines);
+        let ownship = state.vehicle.ownship.as_ref();
+        let bearing_ned_rad = self.localizer.observe(&mut state.belief, &bearing, ownship, walls);
         Some((bearing, bearing_ned_rad))
     }
 
@@ -129,87 +113,45 @@ impl<const N: usize> Guidance<N> {
         bearing: &Bearing,
         phasors: Option<&Phasors>,
     ) -> Option<(Bearing, Option<f32>)> {
-        state.reflected = 0.0;
-        let ownship = state.ownship?;
-        let depression_rad = state.goal.depression_rad();
+        state.belief.assume_direct();
+        let ownship = state.vehicle.ownship?;
+        let depression_rad = state.belief.depression_rad();
         let turned = turning.step(&mut state.turning, bearing, phasors, &ownship, depression_rad)?;
         state.last_flags = turned.bearing.flags;
-        let observed = Some(turned.bearing).filter(|bearing| bearing.valid);
-        let bearing_ned_rad = observed.map(|bearing| self.goal.observe(&mut state.goal, &bearing, &ownship));
-        if let Some(sighting) = &turned.sighting {
-            self.weigh(state, sighting);
-        }
+        let walls = state.plans.active.as_ref().map_or(&[][..], |plan| &plan.lines);
+        let (belief, sighting) = (&mut state.belief, turned.sighting.as_ref());
+        let bearing_ned_rad = self.localizer.observe_direct(belief, &turned.bearing, sighting, &ownship, walls);
         Some((turned.bearing, bearing_ned_rad))
-    }
-
-    /// Probability that the link is reflected, from the bearing or its absence.
-    fn classify(&self, state: &mut State<N>, bearing: &Bearing, bearing_ned_rad: Option<f32>, ownship: &Ownship) {
-        // A bearing made elsewhere has no information about its waves.
-        if bearing_ned_rad.is_some() && bearing.quality.coherence.is_none() {
-            state.reflected = 0.0;
-            return;
-        }
-        let place_ned_m = ownship.position_ned_m.horizontal();
-        let lines = state.active.as_ref().map_or(&[][..], |plan| &plan.lines);
-        let sightline = match (lines, bearing_ned_rad) {
-            ([], _) | (_, None) => Sightline::Unknown,
-            (walls, Some(bearing_ned_rad)) => Sightline::among(walls, place_ned_m, bearing_ned_rad, self.slack_m),
-        };
-        let look = link_state::Features { place_ned_m, bearing, bearing_ned_rad, sightline };
-        state.reflected = CLASSIFIER.step(&mut state.link, &look).reflected(REFLECTED_PRIOR);
-    }
-
-    /// Bearings -> sightings.
-    fn gather(&self, state: &mut State<N>, bearing: &Bearing, bearing_ned_rad: f32, ownship: &Ownship) {
-        let (at, place) = (bearing.time, ownship.position_ned_m.horizontal());
-        let direction = Horizontal::from_bearing(bearing_ned_rad);
-        let Some(sighting) = state.gathering.add(at, direction, place, bearing.sigma_rad) else { return };
-        self.weigh(state, &sighting);
-    }
-
-    /// Sighting -> filters. A reflected sighting is passed on as the vehicle's mirror image would have measured it,
-    /// without reflection.
-    fn weigh(&self, state: &mut State<N>, sighting: &Sighting) {
-        if !sighting.is_plausible() {
-            return;
-        }
-        let lines = state.active.as_ref().map_or(&[][..], |plan| &plan.lines);
-        let answer = self.source.step(&mut state.source, sighting, state.reflected, lines);
-        // A reflection is worth following when its origin is known.
-        let sure = |answer: &bank::Answer| answer.mode == Mode::Go && answer.share > SURE;
-        let answer =
-            answer.map(|answer| if sure(&answer) { answer } else { bank::Answer { path: Path::Direct, ..answer } });
-        let path = answer.map_or(Path::Direct, |answer| answer.path);
-        let was_direct = state.belief.is_none_or(|belief| belief.path == Path::Direct);
-        // The position taken for the source was its mirror image.
-        state.misled |= was_direct && path != Path::Direct;
-        state.belief = answer;
-        state.goal.push_sighting(path.straightened(sighting));
     }
 
     /// Data of obstacle sensors -> map -> near obstacles; and the coverage -> guard. The scan comes last, since it
     /// overrules the others.
     pub(super) fn look(&self, state: &mut State<N>, input: &Input<'_, N>) {
-        let (now, ownship) = (input.now, state.ownship);
+        let (now, ownship) = (input.now, state.vehicle.ownship);
         let pose = |time: Instant| pose_at(ownship.as_ref(), time);
-        self.map.advance(&mut state.map, now);
-        self.tracks.advance(&mut state.tracks, now);
+        self.map.advance(&mut state.surroundings.map, now);
+        self.tracks.advance(&mut state.surroundings.tracks, now);
         let circles =
             input.circles.map(|circles| pose(now).and_then(|pose| self.take_circles(state, now, circles, pose)));
         let points =
             input.points.map(|points| pose(points.time).and_then(|pose| self.take_points(state, now, points, pose)));
         let scan = input.scan.map(|scan| pose(scan.time).and_then(|pose| self.take_scan(state, now, scan, pose)));
         for taken in [circles, points, scan].into_iter().flatten() {
-            state.refused.note(taken);
+            state.surroundings.refused.note(taken);
         }
-        if let Some(ownship) = &state.ownship {
-            near::gather(&self.guard, &state.map, ownship.position_ned_m.horizontal(), &mut state.near);
+        if let Some(ownship) = &state.vehicle.ownship {
+            near::gather(
+                &self.guard,
+                &state.surroundings.map,
+                ownship.position_ned_m.horizontal(),
+                &mut state.surroundings.near,
+            );
         }
         if let Some(Ok(pose)) = circles {
-            self.guard.note_circles(&mut state.guard, &state.near, &pose);
+            self.guard.note_circles(&mut state.control.guard, &state.surroundings.near, &pose);
         }
         if let (Some(scan), Some(Ok(pose))) = (input.scan, scan) {
-            self.guard.note_scan(&mut state.guard, scan, &pose);
+            self.guard.note_scan(&mut state.control.guard, scan, &pose);
         }
     }
 
@@ -222,7 +164,7 @@ impl<const N: usize> Guidance<N> {
         circles: &[Circle],
         pose: Pose,
     ) -> Result<Pose, Refusal> {
-        self.map.observe_circles(&mut state.map, now, pose.position_ned_m, circles)?;
+        self.map.observe_circles(&mut state.surroundings.map, now, pose.position_ned_m, circles)?;
         Ok(pose)
     }
 
@@ -230,7 +172,7 @@ impl<const N: usize> Guidance<N> {
     #[inline(never)]
     fn take_scan(&self, state: &mut State<N>, now: Instant, scan: &Scan, pose: Pose) -> Result<Pose, Refusal> {
         if scan.is_fine() {
-            self.tracks.observe_rays(&mut state.tracks, scan, &pose);
+            self.tracks.observe_rays(&mut state.surroundings.tracks, scan, &pose);
         }
         self.map_scan(state, now, scan, pose)
     }
@@ -240,11 +182,11 @@ impl<const N: usize> Guidance<N> {
         let mut look = Segmentation::default();
         self.scan.fit_into(&mut look, scan, &pose)?;
         if !scan.is_fine() {
-            self.tracks.observe(&mut state.tracks, scan, &pose, &look.points_m);
+            self.tracks.observe(&mut state.surroundings.tracks, scan, &pose, &look.points_m);
         }
-        let (centers_ned_m, radius_m) = self.tracks.left_by(&state.tracks);
-        self.map.vacate(&mut state.map, &centers_ned_m, radius_m);
-        self.map.observe_scan(&mut state.map, now, scan, &pose, &look);
+        let (centers_ned_m, radius_m) = self.tracks.left_by(&state.surroundings.tracks);
+        self.map.vacate(&mut state.surroundings.map, &centers_ned_m, radius_m);
+        self.map.observe_scan(&mut state.surroundings.map, now, scan, &pose, &look);
         Ok(pose)
     }
 
@@ -253,7 +195,7 @@ impl<const N: usize> Guidance<N> {
     fn take_points(&self, state: &mut State<N>, now: Instant, points: &Points, pose: Pose) -> Result<Pose, Refusal> {
         let mut look = Segmentation::default();
         self.scan.fit_points_into(&mut look, points, &pose)?;
-        self.map.observe_points(&mut state.map, now, &look);
+        self.map.observe_points(&mut state.surroundings.map, now, &look);
         Ok(pose)
     }
 }

@@ -19,9 +19,8 @@ use crate::doa::bearing::{self, Bearing};
 use crate::guidance::mission::{Control, Outcome};
 use crate::landing::observation::PadObservation;
 use crate::landing::{self, Lander};
-use crate::localize::goal;
+use crate::localize::belief;
 use crate::localize::goal::posterior::Estimate;
-use crate::localize::source::bank;
 use crate::mapping::scan::{self, Points, Scan};
 use crate::mapping::{map, tracks};
 use crate::planning::planner::Plan;
@@ -169,18 +168,13 @@ pub struct Guidance<const N: usize> {
     plan_margin_m: f32,
     target_distance_m: f32,
     known_source_ned_m: Option<Horizontal>,
-    reflected_min: f32,
-    slack_m: f32,
-    range_sigma_max: f32,
     phase: phase::Extractor<N>,
     bearing: bearing::BearingEstimator,
     scan: scan::Segmenter,
     map: map::Mapper,
     tracks: tracks::Tracker,
-    source: bank::FilterBank,
-    reflections: bool,
+    localizer: belief::Localizer,
     searches: bool,
-    goal: goal::Seeker,
     vehicle_model: vehicle_model::VehicleModel,
     wind: wind::Estimator,
     track: track::Tracker,

@@ -1,179 +1,225 @@
 //! One step of the fast loop: input is taken, the mission decides, and one setpoint is output.
 
-use super::mission::{self, Behaviour, Control, Outcome, Progress};
+use super::mission::{self, Behaviour, Control, Mission, Outcome, Progress};
+use super::turning::Turning;
 use super::{Guidance, Input, Output, State};
-use crate::base::ownship::Ownship;
+use crate::base::ownship::{Ownship, Stale};
+use crate::base::trace::Trace;
 use crate::control::guard::{self, GuardInput, Setpoint};
 use crate::control::track::Demand;
 use crate::doa::bearing::{Bearing, Flags};
 use crate::landing;
-use crate::localize::source::bank::Path;
-use crate::planning::planner::{Searched, Verdict};
+use crate::planning::planner::{Plan, Searched, Verdict};
 use crate::planning::rollout::WAYPOINTS;
+
+/// What the mission says about this step.
+struct Decision<'a> {
+    outcome: Outcome,
+    stale: Option<Stale>,
+    mission: &'a Mission,
+    /// Set while the vehicle turns to receive.
+    turning: Option<&'a Turning>,
+}
+
+/// What is commanded in this step.
+#[derive(Default)]
+struct Command {
+    setpoint: Setpoint,
+    guard: guard::Action,
+    plan_requested: bool,
+}
 
 impl<const N: usize> Guidance<N> {
     /// One step of the fast loop: all input is processed, and nothing is left for the next step.
     pub fn step(&self, state: &mut State<N>, input: &Input<'_, N>) -> Output {
         state.tick = state.tick.wrapping_add(1);
-        if let Some(ownship) = input.ownship.filter(Ownship::is_plausible) {
-            state.agreement.follow(state.ownship.as_ref(), &ownship);
-            state.ownship = Some(ownship);
-        }
+        take_ownship(state, input.ownship);
         let heard = self.listen(state, input.front_end);
         let (bearing, bearing_ned_rad) = heard.and_then(|heard| self.hear(state, &heard)).unzip();
         let bearing_ned_rad = bearing_ned_rad.flatten();
         self.look(state, input);
         let plan_activated = self.take_over(state, input.plan);
-
-        if let Some(ownship) = &state.ownship {
-            let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
-            self.wind.begin(&mut state.wind, ownship.roll_rad, ownship.pitch_rad, velocity_ned_mps);
-            self.wind.step(&mut state.wind, &state.vehicle_model, velocity_ned_mps, ownship.position_time);
-        }
-        let was_landing = is_landing(state);
+        self.estimate_wind(state);
         self.land(state, input, bearing.as_ref());
-        if was_landing && !is_landing(state) {
-            // It seeks again, from its present position.
-            state.active = None;
-        }
         let situation = self.situation(state);
-        let facts = self.mission_input(state, input, &situation);
-        let turning = self.turning.as_ref().filter(|turning| turning.is_used(&state.turning));
-        let mission = turning.map_or(&self.mission, |turning| &turning.mission);
-        let mut outcome = mission.admit(&mut state.mission, &facts);
-        let stale = mission.stale(&facts).filter(|_| outcome == Outcome::StaleOwnship);
-        // It turns to receive a signal, not for any other reason to hold.
-        let turning = turning.filter(|_| matches!(outcome, Outcome::Nominal | Outcome::NoSignal | Outcome::Ambiguous));
-        let may_search = turning.is_none() || state.last_flags.contains(Flags::NO_SIGNAL);
-        let mut guard_action = guard::Action::Passed;
-        let mut setpoint = Setpoint::default();
-        let mut plan_requested = false;
-        state.is_searching = self.searches
-            && may_search
-            && outcome == Outcome::NoSignal
-            && !is_landing(state)
-            && state.active.as_ref().is_none_or(|plan| plan.search != Some(Searched::Ended));
-        match outcome.behaviour() {
-            Behaviour::None if has_landed(state) && input.is_landed => {
-                self.let_go(state);
-                outcome = Outcome::Landed;
-            }
-            Behaviour::None => {
-                self.let_go(state);
-                state.landing = landing::State::default();
-                state.advice = None;
-            }
-            Behaviour::Follow if is_landing(state) => {
-                let (mut demand, ends) = landing_demand(state);
-                if let Some(look_ned_rad) = state.look_ned_rad {
-                    demand.yaw_rate_radps = self.track.turn_to(look_ned_rad, situation.yaw_rad);
-                }
-                (setpoint, guard_action) = self.command(state, &demand, &situation, false);
-                let progress = match guard_action {
-                    _ if !demand.velocity_ned_mps.is_finite() => Progress::NotFinite,
-                    guard::Action::Braked => Progress::GuardBraked,
-                    _ => Progress::Following,
-                };
-                outcome = mission.conclude(&mut state.mission, input.now, progress);
-                if outcome == Outcome::Nominal {
-                    outcome = ends.unwrap_or(outcome);
-                }
-            }
-            Behaviour::Hold if !state.is_searching => {
-                let stay = Demand::default();
-                let demand = turning.map_or(stay, |turning| turning.turn(stay));
-                // Its position or its surroundings are not known well enough to give way.
-                let knows = !matches!(outcome, Outcome::StaleOwnship | Outcome::StaleObstacles | Outcome::Fault);
-                (setpoint, _) = self.command(state, &demand, &situation, knows);
-            }
-            Behaviour::Hold | Behaviour::Follow => {
-                let demand = self.demand(state, &situation);
-                let demanded = demand.unwrap_or_default();
-                let demanded = turning.map_or(demanded, |turning| turning.turn(demanded));
-                (setpoint, guard_action) = self.command(state, &demanded, &situation, true);
-                let progress = progress(state, demand, guard_action);
-                let concluded = mission.conclude(&mut state.mission, input.now, progress);
-                if !state.is_searching {
-                    outcome = concluded;
-                }
-                plan_requested = self.ask(state, input.now, &situation, progress);
-            }
-        }
-        state.is_blocked = guard_action == guard::Action::Braked;
-        self.vehicle_model.command(&mut state.vehicle_model, setpoint.velocity_ned_mps.horizontal());
+        let mut decision = self.decide(state, input, &situation);
+        let Command { setpoint, guard, plan_requested } = self.act(state, input, &situation, &mut decision);
+        state.arrival.is_blocked = guard == guard::Action::Braked;
+        self.vehicle_model.command(&mut state.vehicle.model, setpoint.velocity_ned_mps.horizontal());
+        note(&mut state.trace, bearing.as_ref(), &setpoint);
 
-        if let Some(bearing) = &bearing {
-            state.trace.float(bearing.azimuth_rad);
-            state.trace.float(bearing.sigma_rad);
-            state.trace.word(u32::from(bearing.flags.0) | u32::from(bearing.valid) << 16);
-        }
-        let is_overhead = bearing.is_some_and(|bearing| is_overhead(state.ownship.as_ref(), &bearing));
-        let velocity = setpoint.velocity_ned_mps;
-        for value in [velocity.north, velocity.east, velocity.down, setpoint.yaw_rate_radps] {
-            state.trace.float(value);
-        }
+        let is_overhead = bearing.is_some_and(|bearing| is_overhead(state.vehicle.ownship.as_ref(), &bearing));
+        let plan = state.plans.active.as_ref();
         Output {
             time: input.now,
-            outcome,
-            stale,
+            outcome: decision.outcome,
+            stale: decision.stale,
             setpoint,
             bearing: bearing.map(|bearing| if is_overhead { unusable(bearing) } else { bearing }),
             bearing_ned_rad: bearing_ned_rad.filter(|_| !is_overhead),
-            source_bearing_ned_rad: state.goal.source_bearing_ned_rad(),
-            target_ned_m: state.active.as_ref().map(|plan| plan.target_ned_m),
-            source: state.active.as_ref().and_then(|plan| plan.source),
-            source_share_and_nis: state.belief.map(|belief| (belief.share, belief.nis)),
-            landing: state.advice,
-            guard: guard_action,
-            guard_counts: state.guard.counts(),
+            source_bearing_ned_rad: state.belief.bearing_ned_rad(),
+            target_ned_m: plan.map(|plan| plan.target_ned_m),
+            source: plan.and_then(|plan| plan.source),
+            source_share_and_nis: state.belief.share_and_nis(),
+            landing: state.arrival.advice,
+            guard,
+            guard_counts: state.control.guard.counts(),
             plan_requested,
             plan_activated,
-            plans_late: state.plans_late,
+            plans_late: state.plans.late,
             trace_hash: state.trace.hash(),
         }
     }
 
+    /// Estimates the gusts from the last position received.
+    fn estimate_wind(&self, state: &mut State<N>) {
+        let Some(ownship) = &state.vehicle.ownship else { return };
+        let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
+        self.wind.begin(&mut state.vehicle.wind, ownship.roll_rad, ownship.pitch_rad, velocity_ned_mps);
+        self.wind.step(&mut state.vehicle.wind, &state.vehicle.model, velocity_ned_mps, ownship.position_time);
+    }
+
+    /// Asks the mission what to do, and whether to search.
+    fn decide(&self, state: &mut State<N>, input: &Input<'_, N>, situation: &GuardInput) -> Decision<'_> {
+        let facts = self.mission_input(state, input, situation);
+        let turning = self.turning.as_ref().filter(|turning| turning.is_used(&state.turning));
+        let mission = turning.map_or(&self.mission, |turning| &turning.mission);
+        let outcome = mission.admit(&mut state.mission, &facts);
+        let stale = mission.stale(&facts).filter(|_| outcome == Outcome::StaleOwnship);
+        // It turns to receive a signal, not for any other reason to hold.
+        let turning = turning.filter(|_| matches!(outcome, Outcome::Nominal | Outcome::NoSignal | Outcome::Ambiguous));
+        let may_search = turning.is_none() || state.last_flags.contains(Flags::NO_SIGNAL);
+        let has_ended = |plan: &Plan| plan.search == Some(Searched::Ended);
+        state.plans.is_searching = self.searches
+            && may_search
+            && outcome == Outcome::NoSignal
+            && !is_landing(state)
+            && !state.plans.active.as_ref().is_some_and(has_ended);
+        Decision { outcome, stale, mission, turning }
+    }
+
+    /// Does what was decided. What happens may change the outcome.
+    fn act(
+        &self,
+        state: &mut State<N>,
+        input: &Input<'_, N>,
+        situation: &GuardInput,
+        decision: &mut Decision<'_>,
+    ) -> Command {
+        match decision.outcome.behaviour() {
+            Behaviour::None => {
+                self.let_go(state);
+                if has_landed(state) && input.is_landed {
+                    decision.outcome = Outcome::Landed;
+                } else {
+                    state.arrival.landing = landing::State::default();
+                    state.arrival.advice = None;
+                }
+                Command::default()
+            }
+            Behaviour::Follow if is_landing(state) => self.descend(state, input, situation, decision),
+            Behaviour::Hold if !state.plans.is_searching => {
+                let stay = Demand::default();
+                let demand = decision.turning.map_or(stay, |turning| turning.turn(stay));
+                // Its position or its surroundings are not known well enough to give way.
+                let knows =
+                    !matches!(decision.outcome, Outcome::StaleOwnship | Outcome::StaleObstacles | Outcome::Fault);
+                let (setpoint, _) = self.command(state, &demand, situation, knows);
+                Command { setpoint, ..Command::default() }
+            }
+            Behaviour::Hold | Behaviour::Follow => self.follow(state, input, situation, decision),
+        }
+    }
+
+    /// Follows the landing.
+    fn descend(
+        &self,
+        state: &mut State<N>,
+        input: &Input<'_, N>,
+        situation: &GuardInput,
+        decision: &mut Decision<'_>,
+    ) -> Command {
+        let (mut demand, ends) = landing_demand(state);
+        if let Some(look_ned_rad) = state.control.look_ned_rad {
+            demand.yaw_rate_radps = self.track.turn_to(look_ned_rad, situation.yaw_rad);
+        }
+        let (setpoint, guard) = self.command(state, &demand, situation, false);
+        let progress = match guard {
+            _ if !demand.velocity_ned_mps.is_finite() => Progress::NotFinite,
+            guard::Action::Braked => Progress::GuardBraked,
+            _ => Progress::Following,
+        };
+        decision.outcome = decision.mission.conclude(&mut state.mission, input.now, progress);
+        if decision.outcome == Outcome::Nominal {
+            decision.outcome = ends.unwrap_or(decision.outcome);
+        }
+        Command { setpoint, guard, plan_requested: false }
+    }
+
+    /// Follows the plan, and asks for the next one.
+    fn follow(
+        &self,
+        state: &mut State<N>,
+        input: &Input<'_, N>,
+        situation: &GuardInput,
+        decision: &mut Decision<'_>,
+    ) -> Command {
+        let demand = self.demand(state, situation);
+        let demanded = demand.unwrap_or_default();
+        let demanded = decision.turning.map_or(demanded, |turning| turning.turn(demanded));
+        let (setpoint, guard) = self.command(state, &demanded, situation, true);
+        let progress = progress(state, demand, guard);
+        let concluded = decision.mission.conclude(&mut state.mission, input.now, progress);
+        if !state.plans.is_searching {
+            decision.outcome = concluded;
+        }
+        Command { setpoint, guard, plan_requested: self.ask(state, input.now, situation, progress) }
+    }
+
     /// The guard's input: the vehicle's position and rest point.
     fn situation(&self, state: &State<N>) -> GuardInput {
-        let ownship = state.ownship.unwrap_or_default();
+        let ownship = state.vehicle.ownship.unwrap_or_default();
         let position_ned_m = ownship.position_ned_m.horizontal();
         let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
-        let rest_ned_m = self.vehicle_model.rest_point(&state.vehicle_model, position_ned_m, velocity_ned_mps);
+        let rest_ned_m = self.vehicle_model.rest_point(&state.vehicle.model, position_ned_m, velocity_ned_mps);
         GuardInput {
             position_ned_m,
             rest_ned_m,
             yaw_rad: ownship.yaw_rad,
             delay_s: self.vehicle_model.delay_s(),
-            gust_margin_m: self.wind.margin_m(&state.wind),
+            gust_margin_m: self.wind.margin_m(&state.vehicle.wind),
             is_evading: false,
-            down_m: state.ownship.map(|ownship| ownship.position_ned_m.down),
-            held_down_m: state.hold_down_m,
+            down_m: state.vehicle.ownship.map(|ownship| ownship.position_ned_m.down),
+            held_down_m: state.control.hold_down_m,
         }
     }
 
     /// Runs the landing for this step; not before the vehicle is in control, and not after, unless it has landed.
     fn land(&self, state: &mut State<N>, input: &Input<'_, N>, bearing: Option<&Bearing>) {
         let Some(lander) = &self.lander else { return };
+        let was_landing = is_landing(state);
         if input.control != Control::Granted && !(input.is_landed && is_landing(state)) {
             return;
         }
-        let is_direct = state.reflected < self.reflected_min;
-        let believed = state.belief.filter(|belief| belief.path == Path::Direct);
-        let estimate = believed.map(|belief| belief.estimate);
+        let is_direct = !self.localizer.is_reflected(&state.belief);
         let facts = landing::Input {
             now: input.now,
             ownship: input.ownship.as_ref().filter(|ownship| ownship.is_plausible()),
             height_m: input.height_m,
             bearing: bearing.filter(|_| is_direct),
-            estimate: estimate.as_ref(),
+            estimate: state.belief.direct(),
             look: input.look,
             is_landed: input.is_landed,
-            is_blocked: state.is_blocked,
+            is_blocked: state.arrival.is_blocked,
             tick_s: self.tick_s,
         };
-        state.advice = Some(lander.step(&mut state.landing, &facts));
-        let by_pad = input.ownship.and_then(|ownship| state.landing.height_m(ownship.position_ned_m.down));
-        state.height_m = input.height_m.or(by_pad);
+        state.arrival.advice = Some(lander.step(&mut state.arrival.landing, &facts));
+        let by_pad = input.ownship.and_then(|ownship| state.arrival.landing.height_m(ownship.position_ned_m.down));
+        state.vehicle.height_m = input.height_m.or(by_pad);
+        if was_landing && !is_landing(state) {
+            // It seeks again, from its present position.
+            state.plans.active = None;
+        }
     }
 
     fn mission_input(&self, state: &State<N>, input: &Input<'_, N>, situation: &GuardInput) -> mission::Input {
@@ -183,11 +229,11 @@ impl<const N: usize> Guidance<N> {
             control: input.control,
             position: heard.map(|ownship| ownship.position_time),
             attitude: heard.map(|ownship| ownship.attitude_time),
-            contradiction: state.agreement.found(),
-            obstacles: state.map.taken(),
+            contradiction: state.vehicle.agreement.found(),
+            obstacles: state.surroundings.map.taken(),
             // The last metres are not flown by bearings.
-            bearing: if is_landing(state) { Some(input.now) } else { state.goal.updated() },
-            is_plan_late: state.is_plan_late,
+            bearing: if is_landing(state) { Some(input.now) } else { state.belief.updated() },
+            is_plan_late: state.plans.is_late,
             is_arriving: is_landing(state),
             bearing_flags: state.last_flags,
             place_ned_m: situation.position_ned_m,
@@ -195,19 +241,39 @@ impl<const N: usize> Guidance<N> {
     }
 }
 
+fn take_ownship<const N: usize>(state: &mut State<N>, heard: Option<Ownship>) {
+    if let Some(ownship) = heard.filter(Ownship::is_plausible) {
+        state.vehicle.agreement.follow(state.vehicle.ownship.as_ref(), &ownship);
+        state.vehicle.ownship = Some(ownship);
+    }
+}
+
+/// Adds a step's bearing and setpoint to the trace.
+fn note(trace: &mut Trace, bearing: Option<&Bearing>, setpoint: &Setpoint) {
+    if let Some(bearing) = bearing {
+        trace.float(bearing.azimuth_rad);
+        trace.float(bearing.sigma_rad);
+        trace.word(u32::from(bearing.flags.0) | u32::from(bearing.valid) << 16);
+    }
+    let velocity = setpoint.velocity_ned_mps;
+    for value in [velocity.north, velocity.east, velocity.down, setpoint.yaw_rate_radps] {
+        trace.float(value);
+    }
+}
+
 /// Whether the landing is in command, or has ended.
 pub(super) fn is_landing<const N: usize>(state: &State<N>) -> bool {
-    state.advice.is_some_and(|advice| advice.demand.is_some())
+    state.arrival.advice.is_some_and(|advice| advice.demand.is_some())
 }
 
 /// Whether the vehicle has landed and is done.
 fn has_landed<const N: usize>(state: &State<N>) -> bool {
-    state.advice.is_some_and(|advice| advice.stage == landing::Stage::Landed)
+    state.arrival.advice.is_some_and(|advice| advice.stage == landing::Stage::Landed)
 }
 
 /// The landing's demand, and the outcome if it has ended.
 fn landing_demand<const N: usize>(state: &State<N>) -> (Demand, Option<Outcome>) {
-    let Some(advice) = state.advice else { return (Demand::default(), None) };
+    let Some(advice) = state.arrival.advice else { return (Demand::default(), None) };
     let (velocity_ned_mps, down_mps) = advice.demand.unwrap_or_default();
     let ends = match advice.stage {
         landing::Stage::HandedOver => Some(Outcome::HandedOver),
@@ -219,17 +285,17 @@ fn landing_demand<const N: usize>(state: &State<N>) -> (Demand, Option<Outcome>)
 
 /// Progress of the plan in this step.
 fn progress<const N: usize>(state: &State<N>, demand: Option<Demand>, action: guard::Action) -> Progress {
-    let progress = match (&state.active, demand) {
+    let progress = match (&state.plans.active, demand) {
         (Some(_), Some(demand)) if !demand.velocity_ned_mps.is_finite() => Progress::NotFinite,
         (Some(plan), Some(_)) if plan.verdict == Verdict::Brake => Progress::NoPath,
-        (Some(_), Some(_)) if state.track.passed >= WAYPOINTS => Progress::RanOut,
+        (Some(_), Some(_)) if state.control.track.passed >= WAYPOINTS => Progress::RanOut,
         (Some(_), Some(_)) if action == guard::Action::Braked => Progress::GuardBraked,
         (Some(_), Some(_)) => Progress::Following,
         _ => Progress::RanOut,
     };
     match progress {
         // It waits for the planner, not for a path.
-        Progress::RanOut | Progress::NoPath | Progress::GuardBraked if state.is_plan_late => Progress::Late,
+        Progress::RanOut | Progress::NoPath | Progress::GuardBraked if state.plans.is_late => Progress::Late,
         progress => progress,
     }
 }

@@ -39,7 +39,7 @@ pub trait Systems: Clone + core::fmt::Debug + Sized {
 /// The core's own systems.
 impl Systems for Planner {
     fn build(config: &Config) -> Result<Self, ConfigError> {
-        config.planner.build()
+        config.build_planner()
     }
 
     fn plan(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan {

@@ -146,7 +146,7 @@ fn out_m(hit: Horizontal, circles: impl Iterator<Item = (Horizontal, f32)>) -> f
 #[test]
 fn the_newest_look_is_in_the_map_and_with_the_guard_or_its_refusal_is_counted() {
     let guidance = Config { reflections: false, ..Config::default() }.build::<64>().unwrap();
-    let radius_m = Config::default().guard.vehicle_radius_m;
+    let radius_m = Config::default().vehicle.radius_m;
     let mut snapshot = AdcFrame::<64>::zeroed();
     let (mut steps, mut scans_in_map, mut hits_in_map, mut hits_near) = (0_u32, 0_u32, 0_u32, 0_u32);
     let (mut stale, mut fresh) = (0_u32, 0_u32);

@@ -8,6 +8,7 @@ use crate::base::units::wrap_pi;
 use crate::control::vehicle::Vehicle;
 use crate::doa::bearing::{Flags, Quality};
 use crate::landing;
+use crate::planning::explore;
 use crate::planning::planner::{self, Workspace};
 use std::vec::Vec as StdVec;
 
@@ -70,7 +71,7 @@ impl Flight {
 
     fn run(&mut self, seconds: f32, twist: impl Fn(u32, &mut Input<'_, 64>)) -> Report {
         let guidance = self.config.build::<64>().unwrap();
-        let planner = self.config.planner.build().unwrap();
+        let planner = self.config.build_planner().unwrap();
         let (mut state, mut workspace) = (guidance.start(), Workspace::default());
         let mut ready: Option<(u32, Plan)> = None;
         let mut report = Report { reached: false, closest_m: f32::INFINITY, outputs: StdVec::new(), state: None };
@@ -133,7 +134,7 @@ const PILLARS: [(f32, f32, f32); 7] = [
 ];
 
 fn known<const N: usize>(state: &State<N>) -> std::vec::Vec<Disc> {
-    state.map.discs().collect()
+    state.surroundings.map.discs().collect()
 }
 
 #[test]
@@ -362,22 +363,24 @@ fn in_a_crowd_the_fast_loop_heeds_the_nearest_obstacles_and_otherwise_all_that_a
             })
             .collect();
         for part in circles.chunks(64) {
-            guidance.map.observe_circles(&mut state.map, Instant(1), Horizontal::default(), part).unwrap();
+            guidance.map.observe_circles(&mut state.surroundings.map, Instant(1), Horizontal::default(), part).unwrap();
         }
-        near::gather(&guidance.guard, &state.map, Horizontal::default(), &mut state.near);
+        near::gather(&guidance.guard, &state.surroundings.map, Horizontal::default(), &mut state.surroundings.near);
         let clearance = |o: &Neighbour| o.center_ned_m.norm() - o.reach_m;
         let mut all: StdVec<f32> = state
+            .surroundings
             .map
             .circles()
             .map(|c| clearance(&guidance.guard.obstacle(&c)))
             .filter(|c| *c < near::NEAR_M)
             .collect();
         all.sort_by(f32::total_cmp);
-        let farthest = state.near.iter().map(clearance).fold(f32::NEG_INFINITY, f32::max);
-        assert_eq!(state.near.len(), all.len().min(OBSTACLES_MAX), "{crowd}");
+        let farthest = state.surroundings.near.iter().map(clearance).fold(f32::NEG_INFINITY, f32::max);
+        assert_eq!(state.surroundings.near.len(), all.len().min(OBSTACLES_MAX), "{crowd}");
         // Within a ring's width.
         assert!(
-            all.get(state.near.len()).is_none_or(|next| farthest < next + near::NEAR_M / f32::from(near::FAR)),
+            all.get(state.surroundings.near.len())
+                .is_none_or(|next| farthest < next + near::NEAR_M / f32::from(near::FAR)),
             "{crowd}"
         );
     }
@@ -388,7 +391,7 @@ fn a_vehicle_that_hears_nothing_but_single_points_stops_before_what_they_show() 
     let wall_m = 4.0;
     let mut flight = Flight::new(&[], (30.0, 0.0));
     let guidance = flight.config.build::<64>().unwrap();
-    let (planner, mut workspace) = (flight.config.planner.build().unwrap(), Workspace::default());
+    let (planner, mut workspace) = (flight.config.build_planner().unwrap(), Workspace::default());
     let mut state = guidance.start();
     let mut plan = None;
     let mut fastest = 0.0_f32;
@@ -448,19 +451,53 @@ fn the_navigation_half_keeps_within_48_kilobytes() {
     assert!(bytes <= 48 * 1024, "{bytes}");
 }
 
+/// Each fact that several stages share is changed in its one place, and reaches all of them.
 #[test]
-fn a_planner_that_thinks_the_vehicle_smaller_is_refused() {
-    let mut config = Config::default();
-    config.guard.vehicle_radius_m = 0.3;
-    assert_eq!(config.build::<64>().unwrap_err().field, "planner.vehicle_radius_m");
-    config.set_vehicle_radius_m(0.3);
-    assert!(config.build::<64>().is_ok());
+fn a_shared_fact_reaches_every_stage_that_uses_it() {
+    let stages = |config: &Config| {
+        let guidance = config.build::<64>().unwrap();
+        let planner = std::format!("{:?}", config.build_planner().unwrap());
+        let (planner, search) = planner.split_once("explorer:").unwrap();
+        [
+            ("guard", std::format!("{:?}", guidance.guard)),
+            ("planner", planner.into()),
+            ("search", search.into()),
+            ("near", std::format!("{:?}", guidance.plan_margin_m)),
+            ("evader", std::format!("{:?}", guidance.evade)),
+            ("wind", std::format!("{:?}", guidance.wind)),
+            ("vehicle model", std::format!("{:?}", guidance.vehicle_model)),
+            ("turning", std::format!("{:?}", guidance.turning)),
+        ]
+    };
+    let usual = Config {
+        planner: planner::Config { explore: Some(explore::Config::default()), ..planner::Config::default() },
+        turning: Some(turning::Config::default()),
+        ..Config::default()
+    };
+    let facts: [(fn(&mut Config), &[&str]); 8] = [
+        (|c| c.vehicle.radius_m = 0.2, &["guard", "planner", "search"]),
+        (|c| c.sensor.range_m = 4.0, &["guard", "planner"]),
+        (|c| c.sensor.fov_rad = 3.0, &["guard", "planner"]),
+        (|c| c.planner.margin_m = 0.1, &["planner", "search", "near"]),
+        (|c| c.guard.v_max_mps = 2.0, &["guard", "evader"]),
+        (|c| c.guard.a_max_mps2 = 3.0, &["guard", "evader"]),
+        (|c| c.vehicle_model.lag_s = 0.7, &["evader", "wind", "vehicle model"]),
+        (|c| c.mission.stall_s = 50.0, &["turning"]),
+    ];
+    let before = stages(&usual);
+    for (change, users) in facts {
+        let mut config = usual;
+        change(&mut config);
+        let changed = before.iter().zip(stages(&config)).filter(|(old, new)| *old != new);
+        let changed: std::vec::Vec<&str> = changed.map(|(old, _)| old.0).collect();
+        assert_eq!(changed, users);
+    }
 }
 
 #[test]
 fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
     let guidance = Config::default().build::<256>().unwrap();
-    let (planner, mut workspace) = (Config::default().planner.build().unwrap(), Workspace::default());
+    let (planner, mut workspace) = (Config::default().build_planner().unwrap(), Workspace::default());
     let (mut whole, mut parted, mut again) = (guidance.start(), guidance.start(), guidance.start());
     let mut rng = crate::base::rng::Rng::new(31, 0);
     let mut plan = None;

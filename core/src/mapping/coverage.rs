@@ -20,6 +20,7 @@
 
 use micromath::F32;
 
+use crate::base::config::RangeSensor;
 use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
@@ -50,28 +51,25 @@ pub struct Config {
     pub smallest_obstacle_m: f32,
     /// Clearance from unseen obstacles that is assumed where the vehicle is first asked to move.
     pub start_clearance_m: f32,
-    /// Range of a sensor that delivers circles.
-    pub range_m: f32,
 }
 
 impl Default for Config {
     fn default() -> Self {
-        Self { smallest_obstacle_m: 0.075, start_clearance_m: 0.03, range_m: 3.0 }
+        Self { smallest_obstacle_m: 0.075, start_clearance_m: 0.03 }
     }
 }
 
 impl Config {
-    /// Checks the configuration. `fov_rad` is the full angle of the view of a sensor that delivers circles.
+    /// Checks the configuration. The sensor is one that delivers circles.
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(&self, fov_rad: f32) -> Result<Surveyor, ConfigError> {
+    pub fn build(&self, sensor: &RangeSensor) -> Result<Surveyor, ConfigError> {
         check("coverage.smallest_obstacle_m", self.smallest_obstacle_m, 0.05, 1.0)?;
         check("coverage.start_clearance_m", self.start_clearance_m, 0.0, 1.0)?;
-        check("coverage.range_m", self.range_m, 0.1, 100.0)?;
-        check("guard.fov_rad", fov_rad, 0.1, core::f32::consts::TAU)?;
-        let rays = libm::ceilf(fov_rad / RAY_STEP_RAD) as usize;
-        Ok(Surveyor { config: *self, fov_rad, rays: rays.clamp(8, SECTORS_MAX) })
+        sensor.check()?;
+        let rays = libm::ceilf(sensor.fov_rad / RAY_STEP_RAD) as usize;
+        Ok(Surveyor { config: *self, sensor: *sensor, rays: rays.clamp(8, SECTORS_MAX) })
     }
 }
 
@@ -79,7 +77,7 @@ impl Config {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surveyor {
     config: Config,
-    fov_rad: f32,
+    sensor: RangeSensor,
     rays: usize,
 }
 
@@ -275,15 +273,15 @@ impl Surveyor {
     pub fn note_circles(&self, coverage: &mut Coverage, obstacles: &[Neighbour], vehicle_radius_m: f32, pose: &Pose) {
         let latest = &mut coverage.latest;
         latest.rays = self.rays as u8;
-        latest.closes = self.fov_rad > 6.2;
-        latest.step_rad = self.fov_rad / self.rays as f32;
-        let first_rad = 0.5 * (latest.step_rad - self.fov_rad);
+        latest.closes = self.sensor.fov_rad > 6.2;
+        latest.step_rad = self.sensor.fov_rad / self.rays as f32;
+        let first_rad = 0.5 * (latest.step_rad - self.sensor.fov_rad);
         latest.first_ned_rad = wrap_pi(pose.yaw_rad + first_rad);
-        let mut seen_m = [self.config.range_m; SECTORS_MAX];
+        let mut seen_m = [self.sensor.range_m; SECTORS_MAX];
         for obstacle in obstacles {
             let away = obstacle.center_ned_m.minus(pose.position_ned_m);
             let radius_m = obstacle.reach_m - vehicle_radius_m;
-            let (squared, reach_m) = (away.norm_squared(), self.config.range_m);
+            let (squared, reach_m) = (away.norm_squared(), self.sensor.range_m);
             // Up to where a ray would touch it: places nearer than that, but behind its face, are inside it.
             let tangent = squared - radius_m * radius_m;
             if !(tangent > 1e-4) || tangent > reach_m * reach_m {
@@ -309,7 +307,7 @@ impl Surveyor {
                 }
             }
         }
-        latest.range_m = self.config.range_m;
+        latest.range_m = self.sensor.range_m;
         for (index, seen_m) in seen_m.into_iter().enumerate() {
             latest.ranges.set_m(index, seen_m);
         }
@@ -445,7 +443,7 @@ mod tests {
     }
 
     fn surveyor() -> Surveyor {
-        Config::default().build(core::f32::consts::FRAC_PI_2).unwrap()
+        Config::default().build(&RangeSensor::DEFAULT).unwrap()
     }
 
     fn pose(north: f32, east: f32, yaw_rad: f32) -> Pose {
@@ -559,7 +557,8 @@ mod tests {
 
     #[test]
     fn a_sensor_that_sees_all_round_leaves_nothing_unseen() {
-        let surveyor = Config::default().build(core::f32::consts::TAU).unwrap();
+        let surveyor =
+            Config::default().build(&RangeSensor { fov_rad: core::f32::consts::TAU, ..RangeSensor::DEFAULT }).unwrap();
         let mut coverage = Coverage::default();
         surveyor.note_circles(&mut coverage, &[], 0.15, &pose(3.0, 3.0, 1.0));
         for degree in 0..360 {
@@ -585,6 +584,7 @@ mod tests {
                 let _ = surveyor.cover(&coverage, at(north, east));
             }
         }
-        assert_eq!(Config { range_m: f32::NAN, ..Config::default() }.build(1.0).unwrap_err().field, "coverage.range_m");
+        let no_range = RangeSensor { range_m: f32::NAN, ..RangeSensor::DEFAULT };
+        assert_eq!(Config::default().build(&no_range).unwrap_err().field, "sensor.range_m");
     }
 }

@@ -38,7 +38,7 @@ impl Application {
         let mut config = self.config;
         values.apply_one(id, &mut config);
         let guidance = config.build::<64>()?;
-        config.planner.build()?;
+        config.build_planner()?;
         let again = Values::of(&config).get(id);
         let says_so = (again - values.get(id)).abs() <= 1e-5 * values.get(id).abs();
         assert!(says_so || again == id.default(), "{}: {} came to {again}", id.name(), values.get(id));

@@ -2,6 +2,7 @@
 
 use std::f32::consts::PI;
 
+use foxhound_core::base::config::{RangeSensor, Vehicle};
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
@@ -72,6 +73,15 @@ pub(super) fn scan(draw: &mut Draw<'_>, time: Instant) -> Scan {
     }
 }
 
+pub(super) fn vehicle(draw: &mut Draw<'_>) -> Vehicle {
+    Vehicle { radius_m: draw.field(Vehicle::DEFAULT.radius_m, 0.0, 2.0) }
+}
+
+pub(super) fn sensor(draw: &mut Draw<'_>) -> RangeSensor {
+    let usual = RangeSensor::DEFAULT;
+    RangeSensor { range_m: usual.range_m, fov_rad: draw.field(usual.fov_rad, 0.1, 2.0 * PI) }
+}
+
 pub(super) fn guard_config(draw: &mut Draw<'_>) -> guard::Config {
     let usual = guard::Config::default();
     let fence = match draw.below(8) {
@@ -90,10 +100,8 @@ pub(super) fn guard_config(draw: &mut Draw<'_>) -> guard::Config {
         a_max_mps2: draw.field(usual.a_max_mps2, 0.1, 20.0),
         jerk_max_mps3: draw.field(usual.jerk_max_mps3, 1.0, 1000.0),
         yaw_rate_max_radps: draw.field(usual.yaw_rate_max_radps, 0.1, 6.3),
-        vehicle_radius_m: draw.field(usual.vehicle_radius_m, 0.0, 2.0),
         margin_m: draw.field(usual.margin_m, 0.0, 1.0),
         approach_rate_per_s: draw.field(usual.approach_rate_per_s, 0.1, 20.0),
-        fov_rad: draw.field(usual.fov_rad, 0.1, 2.0 * PI),
         out_of_view_share: draw.field(usual.out_of_view_share, 0.0, 1.0),
         altitude_band_m: draw.field(usual.altitude_band_m, 0.1, 100.0),
         down_min_m: draw.field(usual.down_min_m, -50.0, 0.0),
@@ -156,6 +164,8 @@ pub(super) fn guidance_config(draw: &mut Draw<'_>) -> guidance::Config {
     let usual = guidance::Config::default();
     let mut config = guidance::Config {
         seed: u64::from(draw.word()),
+        vehicle: vehicle(draw),
+        sensor: sensor(draw),
         tick_s: draw.field(usual.tick_s, 0.005, 0.1),
         handover_ticks: if draw.flag() { usual.handover_ticks } else { u32::from(draw.below(32)) },
         replan_at_waypoint: if draw.flag() { usual.replan_at_waypoint } else { draw.below(17) },
@@ -165,7 +175,6 @@ pub(super) fn guidance_config(draw: &mut Draw<'_>) -> guidance::Config {
         guard: guard_config(draw),
         ..usual
     };
-    config.planner.vehicle_radius_m = config.guard.vehicle_radius_m;
     if draw.flag() {
         config.map.moving_memory_s = draw.field(config.map.moving_memory_s, 0.1, 60.0);
         config.map.clear_scans = draw.below(6);

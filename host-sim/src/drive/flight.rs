@@ -50,8 +50,6 @@ const STILL_TICKS: usize = 150;
 const CLOCK_JUMP_US: u64 = 1_000_000;
 /// Steps of the dead time and lag of the point mass: a setpoint waits for its 20 Hz slot, telemetry for the next step.
 const POINT_DEAD_TIME_S: f32 = 0.06;
-/// Clearance that a search keeps.
-const EXPLORE_MARGIN_M: f64 = 0.05;
 /// Sigma of a bearing that is known exactly, so that no weight is infinite.
 const SIGMA_FLOOR_RAD: f64 = 1e-3;
 
@@ -77,7 +75,7 @@ impl Mission {
     pub fn guidance(&self) -> guidance::Config {
         let scenario = &self.scenario;
         let mut config = guidance::Config { seed: self.seed, planner: self.planner, ..guidance::Config::default() };
-        config.set_vehicle_radius_m(scenario.drone_radius as f32);
+        config.vehicle.radius_m = scenario.drone_radius as f32;
         config.bearing.estimator = self.estimator;
         config.guard.v_max_mps = scenario.limits.v_max as f32;
         config.guard.evade_max_mps = scenario.limits.v_evade as f32;
@@ -94,12 +92,12 @@ impl Mission {
             let [east, north] = scenario.goal.map(|metres| metres as f32);
             config.goal.known_source_ned_m = Some(foxhound_core::base::ned::Horizontal { north, east });
         }
-        config.guard.coverage.range_m = scenario.sensor.range_m as f32;
+        config.sensor.range_m = scenario.sensor.range_m as f32;
+        config.sensor.fov_rad = scenario.sensor.fov_deg.to_radians() as f32;
         // The other planners are flown unchanged.
         if scenario.explore_s > 0.0 && self.planner.kind == planner::Kind::Foxhound {
             config.planner.explore = Some(explore::Config {
                 limit_s: scenario.explore_s as f32,
-                clearance_m: (scenario.drone_radius + EXPLORE_MARGIN_M) as f32,
                 seed: self.seed as u32,
                 ..explore::Config::default()
             });
@@ -123,9 +121,6 @@ impl Mission {
             ..core_landing::Config::default()
         });
         config.lidar = (scenario.sensor.model == SensorModel::Lidar).then(Mount::default);
-        config.planner.sees_m = config.guard.coverage.range_m;
-        config.planner.sees_rad = scenario.sensor.fov_deg.to_radians() as f32;
-        config.guard.fov_rad = scenario.sensor.fov_deg.to_radians() as f32;
         config.vehicle_model = match scenario.vehicle.model {
             VehicleModel::Point => {
                 vehicle_model::Config { dead_time_s: POINT_DEAD_TIME_S, lag_s: scenario.vehicle.lag_s as f32 }

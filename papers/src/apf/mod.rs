@@ -10,6 +10,7 @@
 //! latter is implemented, with the target from the request. If the target comes within range of a goal whose position
 //! is known, or would be behind it, it is the goal.
 
+use foxhound_core::base::config::{RangeSensor, Vehicle};
 use foxhound_core::base::error::{ConfigError, Why};
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::{Disc, Obstacle};
@@ -100,6 +101,7 @@ fn in_quarters(config: Config) -> Config {
 #[derive(Clone, Debug)]
 pub struct AnyPlanner {
     config: Config,
+    vehicle: Vehicle,
     /// The core's own, with the same limits.
     own: Planner,
 }
@@ -109,17 +111,17 @@ impl AnyPlanner {
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(config: &Config) -> Result<Self, ConfigError> {
+    pub fn build(config: &Config, vehicle: &Vehicle, sensor: &RangeSensor) -> Result<Self, ConfigError> {
         if config.kind == Kind::Foxhound {
-            return Ok(Self { config: *config, own: config.build()? });
+            return Ok(Self { config: *config, vehicle: *vehicle, own: config.build(vehicle, sensor)? });
         }
-        let own = own(config).build()?;
+        let own = own(config).build(vehicle, sensor)?;
         config.law.check()?;
         if config.explore.is_some() {
             let why = Why::Inconsistent("only the planner foxhound can search");
             return Err(ConfigError { field: "planner.explore", value: 1.0, why });
         }
-        Ok(Self { config: *config, own })
+        Ok(Self { config: *config, vehicle: *vehicle, own })
     }
 
     /// Answers one request; `known` are the known obstacles.
@@ -127,7 +129,7 @@ impl AnyPlanner {
         if self.config.kind == Kind::Foxhound {
             return self.own.plan(workspace, request, known);
         }
-        let mut plan = plan(&self.config, workspace, request, known);
+        let mut plan = plan(&self.config, &self.vehicle, workspace, request, known);
         if request.wants_lines {
             plan.lines = self.own.lines(request.position_ned_m, known);
         }
@@ -149,9 +151,9 @@ pub fn own(config: &Config) -> Config {
 }
 
 /// Answers one request.
-fn plan(config: &Config, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan {
+fn plan(config: &Config, vehicle: &Vehicle, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan {
     let target = target(request);
-    workspace.scene.gather(request.start_ned_m, known.iter().map(|disc| Obstacle::of(disc, config.vehicle_radius_m)));
+    workspace.scene.gather(request.start_ned_m, known.iter().map(|disc| Obstacle::of(disc, vehicle.radius_m)));
     let field = |gains| Field { law: config.law, gains };
     let (initial, cost) = roll(&workspace.scene, &field(config.gains), config.reading, target);
     workspace.initial = initial;
@@ -276,7 +278,11 @@ mod tests {
 
     fn run(name: &str, request: &PlanRequest, known: &[Disc]) -> (Plan, Workspace) {
         let mut workspace = Workspace::default();
-        let plan = AnyPlanner::build(&named(name).unwrap()).unwrap().plan(&mut workspace, request, known);
+        let plan = AnyPlanner::build(&named(name).unwrap(), &Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap().plan(
+            &mut workspace,
+            request,
+            known,
+        );
         (plan, workspace)
     }
 
@@ -291,9 +297,10 @@ mod tests {
 
     #[test]
     fn only_the_planner_foxhound_can_search() {
+        let build = |config: &Config| AnyPlanner::build(config, &Vehicle::DEFAULT, &RangeSensor::DEFAULT);
         let search = |name| Config { explore: Some(explore::Config::default()), ..named(name).unwrap() };
-        assert_eq!(AnyPlanner::build(&search("paper")).unwrap_err().field, "planner.explore");
-        assert!(AnyPlanner::build(&search("foxhound")).is_ok());
+        assert_eq!(build(&search("paper")).unwrap_err().field, "planner.explore");
+        assert!(build(&search("foxhound")).is_ok());
     }
 
     #[test]

@@ -98,7 +98,7 @@ impl Guard {
         if speed < CREEP_MPS {
             return PathCover::Seen;
         }
-        let (radius_m, smallest_m) = (self.config.vehicle_radius_m, self.surveyor.smallest_obstacle_m());
+        let (radius_m, smallest_m) = (self.vehicle.radius_m, self.surveyor.smallest_obstacle_m());
         let reach_m = radius_m + smallest_m;
         let along = velocity.times(1.0 / speed);
         let right = Horizontal { north: -along.east, east: along.north };

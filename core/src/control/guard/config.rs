@@ -1,6 +1,7 @@
 //! Configuration of the guard, and which values are refused.
 
 use super::{Fence, Guard};
+use crate::base::config::{RangeSensor, Vehicle};
 use crate::base::error::{ConfigError, Why, check};
 use crate::mapping::coverage;
 
@@ -20,14 +21,10 @@ pub struct Config {
     pub jerk_max_mps3: f32,
     /// Largest yaw rate.
     pub yaw_rate_max_radps: f32,
-    /// Radius of the vehicle.
-    pub vehicle_radius_m: f32,
     /// Clearance that the half-spaces keep from every obstacle (`FH_MARGIN_GRD`).
     pub margin_m: f32,
     /// Share of the remaining clearance that may be used up per second.
     pub approach_rate_per_s: f32,
-    /// Full angle of the obstacle sensor's view, centred on the nose; 2 pi when it covers the full circle.
-    pub fov_rad: f32,
     /// Share of the speed that is allowed outside the field of view, into places that have been seen.
     pub out_of_view_share: f32,
     /// Which places the sensor has seen.
@@ -53,10 +50,8 @@ impl Default for Config {
             a_max_mps2: 2.0,
             jerk_max_mps3: 20.0,
             yaw_rate_max_radps: 2.5,
-            vehicle_radius_m: 0.15,
             margin_m: 0.03,
             approach_rate_per_s: 2.0,
-            fov_rad: core::f32::consts::FRAC_PI_2,
             out_of_view_share: 0.5,
             coverage: coverage::Config::default(),
             altitude_band_m: 2.0,
@@ -73,14 +68,14 @@ impl Config {
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(&self) -> Result<Guard, ConfigError> {
+    pub fn build(&self, vehicle: &Vehicle, sensor: &RangeSensor) -> Result<Guard, ConfigError> {
         check("guard.v_max_mps", self.v_max_mps, 0.05, 20.0)?;
         check("guard.evade_max_mps", self.evade_max_mps, 0.0, 20.0)?;
         check("guard.v_down_max_mps", self.v_down_max_mps, 0.0, 5.0)?;
         check("guard.a_max_mps2", self.a_max_mps2, 0.1, 20.0)?;
         check("guard.jerk_max_mps3", self.jerk_max_mps3, 1.0, 1000.0)?;
         check("guard.yaw_rate_max_radps", self.yaw_rate_max_radps, 0.1, 6.3)?;
-        check("guard.vehicle_radius_m", self.vehicle_radius_m, 0.0, 5.0)?;
+        vehicle.check()?;
         check("guard.margin_m", self.margin_m, 0.0, 5.0)?;
         check("guard.approach_rate_per_s", self.approach_rate_per_s, 0.1, 20.0)?;
         check("guard.out_of_view_share", self.out_of_view_share, 0.0, 1.0)?;
@@ -93,6 +88,6 @@ impl Config {
         }
         check("guard.fence_margin_m", self.fence_margin_m, 0.0, 100.0)?;
         self.fence.build()?;
-        Ok(Guard { config: *self, surveyor: self.coverage.build(self.fov_rad)? })
+        Ok(Guard { config: *self, vehicle: *vehicle, fov_rad: sensor.fov_rad, surveyor: self.coverage.build(sensor)? })
     }
 }

@@ -26,6 +26,7 @@
 //! Within the limits a brake is always allowed. Everything is counted; the count of steps shows that the guard is
 //! running. Cost: at most 11 000 instructions among 64 obstacles (bench row `guard_64`).
 
+use crate::base::config::Vehicle;
 use crate::base::ned::{Horizontal, Ned};
 use crate::base::obstacle::{Circle, Neighbour};
 use crate::base::pose::Pose;
@@ -136,12 +137,13 @@ pub struct Counts {
 ///
 /// ```
 /// # use foxhound_core::ConfigError;
+/// use foxhound_core::base::config::{RangeSensor, Vehicle};
 /// use foxhound_core::base::ned::Horizontal;
 /// use foxhound_core::control::guard::{Config, GuardInput, State};
 /// use foxhound_core::control::track::Demand;
 ///
 /// let config = Config::default();
-/// let guard = config.build()?;
+/// let guard = config.build(&Vehicle::default(), &RangeSensor::default())?;
 /// let mut state = State::default();
 /// let velocity_ned_mps = Horizontal { north: 50.0, east: 0.0 };
 /// let demand = Demand { velocity_ned_mps, ..Demand::default() };
@@ -154,6 +156,8 @@ pub struct Counts {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guard {
     config: Config,
+    vehicle: Vehicle,
+    fov_rad: f32,
     surveyor: Surveyor,
 }
 
@@ -201,7 +205,7 @@ impl Guard {
     /// A known circle as an obstacle for this vehicle.
     #[must_use]
     pub fn obstacle(&self, circle: &Circle) -> Neighbour {
-        Neighbour::of(circle, self.config.vehicle_radius_m)
+        Neighbour::of(circle, self.vehicle.radius_m)
     }
 
     /// Adds a scan to the coverage.
@@ -211,7 +215,7 @@ impl Guard {
 
     /// Adds circles delivered by a sensor to the coverage; `obstacles` are all that are known near the vehicle.
     pub fn note_circles(&self, state: &mut State, obstacles: &[Neighbour], pose: &Pose) {
-        self.surveyor.note_circles(&mut state.coverage, obstacles, self.config.vehicle_radius_m, pose);
+        self.surveyor.note_circles(&mut state.coverage, obstacles, self.vehicle.radius_m, pose);
     }
 
     /// Passes, limits or replaces one demand. The setpoint is finite and inside the limits for any input.
@@ -262,7 +266,7 @@ impl Guard {
         dt_s: f32,
     ) -> Option<(Horizontal, Action, Option<f32>)> {
         let c = &self.config;
-        self.surveyor.stand(&mut state.coverage, input.position_ned_m, c.vehicle_radius_m);
+        self.surveyor.stand(&mut state.coverage, input.position_ned_m, self.vehicle.radius_m);
         // Filled in place: returning them would copy them.
         let (mut near, mut half_spaces) = (Near::new(), HalfSpaces::new());
         let v_max_mps = self.gather_near(state.command_ned_mps, input, obstacles, &mut near)?;
@@ -351,7 +355,7 @@ impl Guard {
 
     /// Share of the speed that is allowed in a direction that the sensor does not cover at the moment.
     fn view_share(&self, velocity: Horizontal, yaw_rad: f32) -> f32 {
-        let half_rad = 0.5 * self.config.fov_rad;
+        let half_rad = 0.5 * self.fov_rad;
         if half_rad >= 3.1 || velocity.norm_squared() < 1e-6 {
             return 1.0;
         }

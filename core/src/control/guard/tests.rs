@@ -2,12 +2,22 @@
 
 use super::half_space::HalfSpace;
 use super::*;
+use crate::base::config::{self, RangeSensor};
+use crate::base::error::ConfigError;
 use crate::base::pose::Pose;
 use crate::base::rng::Rng;
 use crate::control::vehicle::Vehicle;
 use std::vec::Vec;
 
 const DT: f32 = 0.02;
+
+fn build(config: &Config, sensor: &RangeSensor) -> Result<Guard, ConfigError> {
+    config.build(&config::Vehicle::DEFAULT, sensor)
+}
+
+fn guard_of(config: &Config) -> Guard {
+    build(config, &RangeSensor::DEFAULT).unwrap()
+}
 
 fn wall(north: f32, reach_m: f32) -> Neighbour {
     Neighbour { center_ned_m: Horizontal { north, east: 0.0 }, reach_m, ..Neighbour::default() }
@@ -19,7 +29,7 @@ fn demand(north: f32, east: f32) -> Demand {
 
 /// Flies a demand with an ideal vehicle (rest point = position) and returns the smallest clearance and the end.
 fn fly(demand: Demand, obstacles: &[Neighbour], yaw_rad: f32) -> (f32, Horizontal) {
-    let (guard, mut state) = (Config::default().build().unwrap(), State::default());
+    let (guard, mut state) = (guard_of(&Config::default()), State::default());
     let mut at = Horizontal::default();
     let mut closest = f32::INFINITY;
     for _ in 0..1000 {
@@ -39,7 +49,7 @@ fn full_speed_at_a_wall_ends_before_it() {
 
 #[test]
 fn what_evades_may_be_faster_and_nothing_else() {
-    let guard = Config { evade_max_mps: 2.0, ..Config::default() }.build().unwrap();
+    let guard = guard_of(&Config { evade_max_mps: 2.0, ..Config::default() });
     for (is_evading, most_mps) in [(false, 1.0), (true, 2.0)] {
         let mut state = State::default();
         let input = GuardInput { is_evading, ..GuardInput::default() };
@@ -80,7 +90,7 @@ fn from_inside_a_circle_it_may_leave_but_not_go_deeper() {
 #[test]
 fn whatever_comes_in_a_finite_setpoint_inside_the_limits_comes_out() {
     let config = Config::default();
-    let (guard, mut state) = (config.build().unwrap(), State::default());
+    let (guard, mut state) = (guard_of(&config), State::default());
     let mut rng = Rng::new(11, 0);
     let wild = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, -1e30, 0.0, 1e-30];
     let mut last = Horizontal::default();
@@ -112,7 +122,7 @@ fn whatever_comes_in_a_finite_setpoint_inside_the_limits_comes_out() {
 
 /// Where an ideal vehicle ends after 20 s under a demand, with a gust margin.
 fn ends(from: Horizontal, demand: Demand, gust_margin_m: f32, obstacles: &[Neighbour]) -> Horizontal {
-    let (guard, mut state) = (Config::default().build().unwrap(), State::default());
+    let (guard, mut state) = (guard_of(&Config::default()), State::default());
     let mut at = from;
     for _ in 0..1000 {
         let input = GuardInput { position_ned_m: at, rest_ned_m: at, gust_margin_m, ..GuardInput::default() };
@@ -152,7 +162,7 @@ fn where_gusts_want_more_room_than_there_is_it_keeps_to_the_middle() {
 /// A wind of that speed blows north for ten seconds, against the obstacles; nothing behind the vehicle has been seen,
 /// and its nose does not turn. Returns the smallest clearance and the last.
 fn blown(wind_mps: f32, gust_margin_m: f32, obstacles: &[Neighbour]) -> (f32, f32) {
-    let (guard, mut state) = (Config::default().build().unwrap(), State::default());
+    let (guard, mut state) = (guard_of(&Config::default()), State::default());
     let (mut position, mut closest_m, mut clearance_m) = (Horizontal::default(), f32::INFINITY, 0.0);
     for _ in 0..500 {
         guard.note_circles(&mut state, obstacles, &Pose { position_ned_m: position, yaw_rad: 0.0 });
@@ -187,11 +197,12 @@ fn bad_limits_are_refused_by_name() {
     let refused = |change: &dyn Fn(&mut Config)| {
         let mut config = Config::default();
         change(&mut config);
-        config.build().unwrap_err().field
+        build(&config, &RangeSensor::DEFAULT).unwrap_err().field
     };
     assert_eq!(refused(&|c| c.v_max_mps = 0.0), "guard.v_max_mps");
     assert_eq!(refused(&|c| c.a_max_mps2 = f32::NAN), "guard.a_max_mps2");
-    assert_eq!(refused(&|c| c.fov_rad = 10.0), "guard.fov_rad");
+    let sensor = RangeSensor { fov_rad: 10.0, ..RangeSensor::DEFAULT };
+    assert_eq!(build(&Config::default(), &sensor).unwrap_err().field, "sensor.fov_rad");
 }
 
 fn at(north: f32, east: f32) -> Horizontal {
@@ -231,7 +242,7 @@ fn monitored_clearance_m(rest: Horizontal, command: Horizontal, a_max_mps2: f32,
 #[test]
 fn an_independent_monitor_finds_every_braking_path_clear() {
     let config = Config::default();
-    let guard = config.build().unwrap();
+    let guard = guard_of(&config);
     let (mut ticks, mut limited) = (0, 0);
     for seed in 0..60 {
         let mut rng = Rng::new(seed, 3);
@@ -283,7 +294,7 @@ fn visible(pillars: &[Neighbour], from: Horizontal, yaw_rad: f32) -> Vec<usize> 
 /// Sets off among unknown pillars, in a random direction relative to the nose; returns the smallest clearance and the
 /// distance covered.
 fn set_off(seed: u64, looks: bool) -> (f32, f32) {
-    let guard = Config::default().build().unwrap();
+    let guard = guard_of(&Config::default());
     let mut rng = Rng::new(seed, 4);
     // Close pillars all round, some of them touching the path.
     let mut pillars: Vec<Neighbour> = Vec::new();
@@ -345,7 +356,7 @@ fn it_does_not_set_off_into_what_it_has_not_looked_at_and_yet_sets_off() {
 /// vehicle gets there.
 #[test]
 fn what_was_hidden_from_elsewhere_is_looked_at_before_it_is_approached() {
-    let guard = Config::default().build().unwrap();
+    let guard = guard_of(&Config::default());
     let mut state = State::default();
     let screen = pillar(1.0, 0.0, 0.1);
     let look = |state: &mut State, position_ned_m: Horizontal, yaw_rad: f32| {
@@ -375,7 +386,7 @@ fn what_was_hidden_from_elsewhere_is_looked_at_before_it_is_approached() {
 
 #[test]
 fn it_passes_a_gap_that_is_little_wider_than_itself() {
-    let guard = Config::default().build().unwrap();
+    let guard = guard_of(&Config::default());
     // 0.42 m between two walls of pillars.
     let wall: Vec<_> =
         (0..8).flat_map(|k| [1.0, -1.0].map(|side| pillar(1.5, side * (0.36 + 0.25 * k as f32), 0.15))).collect();
@@ -398,7 +409,7 @@ fn it_passes_a_gap_that_is_little_wider_than_itself() {
 
 #[test]
 fn what_comes_at_it_is_evaded_from_a_standstill_even_into_the_unseen() {
-    let guard = Config::default().build().unwrap();
+    let guard = guard_of(&Config::default());
     for (steps, lag_s) in [(0, 0.15), (16, 0.5)] {
         for offset_m in [0.0, 0.05, -0.2] {
             let (mut vehicle, mut state) = (Vehicle::new(Horizontal::default(), steps, lag_s), State::default());
@@ -427,7 +438,7 @@ fn the_fence_is_never_left_and_from_outside_it_comes_back() {
     let fences =
         [Fence::rectangle(at(-3.0, -2.0), at(4.0, 5.0)), Fence::Circle { center_ned_m: at(0.5, 0.5), radius_m: 3.0 }];
     for (seed, fence) in (0..40).zip(fences.into_iter().cycle()) {
-        let guard = Config { fence, v_max_mps: 2.0, ..Config::default() }.build().unwrap();
+        let guard = guard_of(&Config { fence, v_max_mps: 2.0, ..Config::default() });
         let mut rng = Rng::new(seed, 5);
         let (mut vehicle, mut state) = (Vehicle::new(Horizontal::default(), 16, 0.5), State::default());
         let mut wish = demand(0.0, 0.0);
@@ -453,7 +464,7 @@ fn the_fence_is_never_left_and_from_outside_it_comes_back() {
 #[test]
 fn the_altitude_stays_in_its_band_and_inside_the_limits() {
     for (held_m, lowest_m, highest_m) in [(-5.0, -3.0, -7.0), (-2.5, -1.0, -4.5), (-29.0, -27.0, -30.0)] {
-        let guard = Config { down_min_m: -30.0, down_max_m: -1.0, ..Config::default() }.build().unwrap();
+        let guard = guard_of(&Config { down_min_m: -30.0, down_max_m: -1.0, ..Config::default() });
         for wish in [5.0, -5.0] {
             let (mut state, mut down_m, mut speed_mps) = (State::default(), held_m, 0.0_f32);
             for _ in 0..3000 {
@@ -476,7 +487,7 @@ fn limits_of_altitude_that_meet_by_a_rounding_are_no_panic() {
     let mut rng = Rng::new(5, 5);
     for _ in 0..20_000 {
         let down_max_m = 4.0 * rng.uniform() - 2.0;
-        let guard = Config { down_max_m, ..Config::default() }.build().unwrap();
+        let guard = guard_of(&Config { down_max_m, ..Config::default() });
         let input = GuardInput { down_m: Some(down_max_m), held_down_m: Some(5.0), ..GuardInput::default() };
         let demand = Demand { down_mps: 1.0, ..Demand::default() };
         let down_mps = guard.step(&mut State::default(), &demand, &input, &[], DT).setpoint.velocity_ned_mps.down;
@@ -487,7 +498,7 @@ fn limits_of_altitude_that_meet_by_a_rounding_are_no_panic() {
 #[test]
 fn an_acceleration_builds_up_no_faster_than_the_jerk_limit_but_a_brake_is_at_once() {
     let config = Config::default();
-    let guard = config.build().unwrap();
+    let guard = guard_of(&config);
     let mut rng = Rng::new(3, 6);
     let (mut state, input) = (State::default(), GuardInput::default());
     let (mut last, mut change) = (Horizontal::default(), Horizontal::default());
@@ -551,7 +562,7 @@ fn the_nearest_allowed_velocity_is_allowed_and_none_is_nearer() {
 
 #[test]
 fn half_spaces_that_do_not_agree_brake_and_are_counted() {
-    let guard = Config::default().build().unwrap();
+    let guard = guard_of(&Config::default());
     let mut state = State::default();
     let jaw = |north: f32| Neighbour {
         center_ned_m: at(north, 0.0),

@@ -45,7 +45,7 @@ fn read_one(id: Id, config: &guidance::Config) -> Option<f32> {
         param::FH_YAWR_MAX => guard.yaw_rate_max_radps,
         param::FH_DEAD_TIME => config.vehicle_model.dead_time_s,
         param::FH_LAG => config.vehicle_model.lag_s,
-        param::FH_RADIUS => guard.vehicle_radius_m,
+        param::FH_RADIUS => config.vehicle.radius_m,
         param::FH_MARGIN => planner.margin_m,
         param::FH_MARGIN_TGT => planner.tight_margin_m,
         param::FH_MARGIN_GRD => guard.margin_m,
@@ -56,8 +56,8 @@ fn read_one(id: Id, config: &guidance::Config) -> Option<f32> {
             _ => 0.0,
         },
         param::FH_FENCE_MRG => guard.fence_margin_m,
-        param::FH_OBS_FOV => guard.fov_rad * (180.0 / PI),
-        param::FH_OBS_RANGE => guard.coverage.range_m,
+        param::FH_OBS_FOV => config.sensor.fov_rad * (180.0 / PI),
+        param::FH_OBS_RANGE => config.sensor.range_m,
         param::FH_OBS_MIN => guard.coverage.smallest_obstacle_m,
         param::FH_OBS_SIDE => guard.out_of_view_share,
         param::FH_START_CLR => guard.coverage.start_clearance_m,
@@ -130,12 +130,8 @@ impl Values {
             param::FH_YAWR_MAX => guard.yaw_rate_max_radps = value,
             param::FH_DEAD_TIME => config.vehicle_model.dead_time_s = value,
             param::FH_LAG => config.vehicle_model.lag_s = value,
-            param::FH_RADIUS => config.set_vehicle_radius_m(value),
-            param::FH_MARGIN => {
-                planner.margin_m = value;
-                // A search uses it too.
-                config.set_vehicle_radius_m(config.guard.vehicle_radius_m);
-            }
+            param::FH_RADIUS => config.vehicle.radius_m = value,
+            param::FH_MARGIN => planner.margin_m = value,
             param::FH_MARGIN_TGT => planner.tight_margin_m = value,
             param::FH_MARGIN_GRD => guard.margin_m = value,
             param::FH_APPR_RATE => guard.approach_rate_per_s = value,
@@ -145,15 +141,9 @@ impl Values {
                 let circle = Fence::Circle { center_ned_m: Horizontal::default(), radius_m: value };
                 guard.fence = if is_on { circle } else { Fence::Off };
             }
-            param::FH_OBS_FOV => {
-                // In this order a quarter and a whole turn are exact.
-                guard.fov_rad = value / 180.0 * PI;
-                planner.sees_rad = guard.fov_rad;
-            }
-            param::FH_OBS_RANGE => {
-                guard.coverage.range_m = value;
-                planner.sees_m = value;
-            }
+            // In this order a quarter and a whole turn are exact.
+            param::FH_OBS_FOV => config.sensor.fov_rad = value / 180.0 * PI,
+            param::FH_OBS_RANGE => config.sensor.range_m = value,
             param::FH_OBS_MIN => guard.coverage.smallest_obstacle_m = value,
             param::FH_OBS_SIDE => guard.out_of_view_share = value,
             param::FH_START_CLR => guard.coverage.start_clearance_m = value,
@@ -194,7 +184,6 @@ impl Values {
         let before = config.planner.explore.unwrap_or_default();
         let searches = self.is_on(param::FH_SRCH_TIME);
         config.planner.explore = searches.then_some(explore::Config { limit_s, radius_m, cell_m, ..before });
-        config.set_vehicle_radius_m(config.guard.vehicle_radius_m);
     }
 
     fn apply_lidar(&self, config: &mut guidance::Config) {

@@ -18,8 +18,7 @@ const PLACES: &[(Id, Place)] = &[
     (FH_YAWR_MAX, |c| c.guard.yaw_rate_max_radps),
     (FH_DEAD_TIME, |c| c.vehicle_model.dead_time_s),
     (FH_LAG, |c| c.vehicle_model.lag_s),
-    (FH_RADIUS, |c| c.guard.vehicle_radius_m),
-    (FH_RADIUS, |c| c.planner.vehicle_radius_m),
+    (FH_RADIUS, |c| c.vehicle.radius_m),
     (FH_MARGIN, |c| c.planner.margin_m),
     (FH_MARGIN_TGT, |c| c.planner.tight_margin_m),
     (FH_MARGIN_GRD, |c| c.guard.margin_m),
@@ -30,10 +29,8 @@ const PLACES: &[(Id, Place)] = &[
         Fence::Circle { radius_m, .. } => radius_m,
         _ => 0.0,
     }),
-    (FH_OBS_FOV, |c| c.guard.fov_rad.to_degrees()),
-    (FH_OBS_FOV, |c| c.planner.sees_rad.to_degrees()),
-    (FH_OBS_RANGE, |c| c.guard.coverage.range_m),
-    (FH_OBS_RANGE, |c| c.planner.sees_m),
+    (FH_OBS_FOV, |c| c.sensor.fov_rad.to_degrees()),
+    (FH_OBS_RANGE, |c| c.sensor.range_m),
     (FH_OBS_MIN, |c| c.guard.coverage.smallest_obstacle_m),
     (FH_OBS_SIDE, |c| c.guard.out_of_view_share),
     (FH_START_CLR, |c| c.guard.coverage.start_clearance_m),
@@ -228,19 +225,6 @@ fn values_that_do_not_fit_together_are_seen_by_the_build_and_named() {
     values.set(FH_TURN, 1.0).unwrap();
     values.set(FH_TURN_RATE, 0.1).unwrap();
     assert_eq!(applied(&values).build::<256>().unwrap_err().field, "turning.yaw_rate_radps");
-}
-
-#[test]
-fn a_search_keeps_the_margin_of_the_plans_in_whatever_order_they_are_set() {
-    for order in [[FH_SRCH_TIME, FH_RADIUS, FH_MARGIN], [FH_MARGIN, FH_RADIUS, FH_SRCH_TIME]] {
-        let mut values = Values::DEFAULT;
-        let mut config = guidance::Config::default();
-        for id in order {
-            values.set(id, if id == FH_SRCH_TIME { 60.0 } else { 0.25 }).unwrap();
-            values.apply_one(id, &mut config);
-        }
-        assert_eq!(config.planner.explore.unwrap().clearance_m, 0.5);
-    }
 }
 
 #[test]

@@ -9,8 +9,6 @@
 //! longer the memory of the average: a tenth of a second for good ones, a second or two for bearings of 10 or 20
 //! degrees.
 
-use heapless::Vec;
-
 use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
@@ -18,12 +16,8 @@ use crate::base::ownship::Ownship;
 use crate::base::time::Instant;
 use crate::base::units::asin;
 use crate::doa::bearing::Bearing;
-use crate::localize::source::Sighting;
 
 pub mod posterior;
-
-/// Number of sightings kept for the planner; a new one replaces the oldest.
-pub const SIGHTINGS_MAX: usize = 16;
 
 /// The array counts as level towards the source when the angle between its plane and the horizon there is less than
 /// this.
@@ -82,7 +76,6 @@ pub struct State {
     /// Weighted sum of the squared vertical component of the direction, and sum of the weights.
     sunk: f32,
     sunk_weight: f32,
-    sightings: Vec<Sighting, SIGHTINGS_MAX>,
 }
 
 impl State {
@@ -97,27 +90,6 @@ impl State {
     pub fn depression_rad(&self) -> f32 {
         let squared = if self.sunk_weight > 0.0 { self.sunk / self.sunk_weight } else { 0.0 };
         asin(sqrt(squared.clamp(0.0, 1.0)))
-    }
-
-    /// The averaged unit vector towards the source; `None` before the first valid bearing.
-    #[must_use]
-    pub fn source_direction_ned(&self) -> Option<Horizontal> {
-        let norm = self.sum.norm();
-        self.updated.filter(|_| norm > 0.0).map(|_| self.sum.times(1.0 / norm))
-    }
-
-    /// Stores a sighting for the planner.
-    pub fn push_sighting(&mut self, sighting: Sighting) {
-        if self.sightings.is_full() {
-            self.sightings.remove(0);
-        }
-        // Cannot fail: there is space now.
-        let _ = self.sightings.push(sighting);
-    }
-
-    /// The sightings since the last call, which the planner has not got yet.
-    pub fn take_sightings(&mut self) -> Vec<Sighting, SIGHTINGS_MAX> {
-        core::mem::take(&mut self.sightings)
     }
 
     /// When the last valid bearing was measured.

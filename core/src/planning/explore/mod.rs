@@ -22,6 +22,7 @@
 
 use core::f32::consts::TAU;
 
+use crate::base::config::RangeSensor;
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Disc;
@@ -44,8 +45,6 @@ pub struct Config {
     pub radius_m: f32,
     /// Width of a cell.
     pub cell_m: f32,
-    /// Smallest distance of the vehicle's centre from an obstacle's rim.
-    pub clearance_m: f32,
     /// Circles hide cells behind them as if their radius were larger by this: a wall is remembered with gaps in it.
     pub shade_m: f32,
     /// Length of path that costs as much as turning by one radian.
@@ -64,7 +63,6 @@ impl Default for Config {
             limit_s: 180.0,
             radius_m: 15.0,
             cell_m: 1.0,
-            clearance_m: 0.2,
             shade_m: 0.2,
             turn_m_per_rad: 0.5,
             stick_m: 2.0,
@@ -75,15 +73,15 @@ impl Default for Config {
 }
 
 impl Config {
-    /// Checks the configuration.
+    /// Checks the configuration. `clearance_m` is the smallest distance of the vehicle's centre from an obstacle's rim.
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(&self) -> Result<Explorer, ConfigError> {
+    pub fn build(&self, clearance_m: f32) -> Result<Explorer, ConfigError> {
         check("explore.limit_s", self.limit_s, 1.0, 3600.0)?;
         check("explore.cell_m", self.cell_m, 0.2, 20.0)?;
         check("explore.radius_m", self.radius_m, self.cell_m, 300.0)?;
-        check("explore.clearance_m", self.clearance_m, 0.0, 2.0)?;
+        check("explore.clearance_m", clearance_m, 0.0, 10.0)?;
         check("explore.shade_m", self.shade_m, 0.0, 2.0)?;
         check("explore.turn_m_per_rad", self.turn_m_per_rad, 0.0, 100.0)?;
         check("explore.stick_m", self.stick_m, 0.0, 100.0)?;
@@ -92,7 +90,7 @@ impl Config {
             let why = Why::Inconsistent("must not be greater than 15 explore.cell_m, the reach of the grid");
             return Err(ConfigError { field: "explore.radius_m", value: self.radius_m, why });
         }
-        Ok(Explorer { config: *self })
+        Ok(Explorer { config: *self, clearance_m })
     }
 }
 
@@ -100,6 +98,7 @@ impl Config {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Explorer {
     config: Config,
+    clearance_m: f32,
 }
 
 /// State of a search.
@@ -201,8 +200,7 @@ impl Explorer {
         state: &mut State,
         now: Instant,
         pose: &Pose,
-        range_m: f32,
-        fov_rad: f32,
+        sensor: &RangeSensor,
         discs: impl Iterator<Item = &'a Disc> + Clone,
     ) -> Explored {
         let here = pose.position_ned_m;
@@ -221,7 +219,7 @@ impl Explorer {
             return state.target.map_or(Explored::NoPose, |target| Explored::Target(grid.place_of(target.cell)));
         }
         let discs = discs.filter(|disc| disc.is_plausible());
-        self.look(state, &grid, pose, range_m, fov_rad, discs.clone());
+        self.look(state, &grid, pose, sensor, discs.clone());
         self.lose_patience(state, &grid, now, here);
         // Moving obstacles will have moved on.
         let standing = discs.filter(|disc| !disc.moves);
@@ -245,12 +243,12 @@ impl Explorer {
         state: &mut State,
         grid: &Grid,
         pose: &Pose,
-        range_m: f32,
-        fov_rad: f32,
+        sensor: &RangeSensor,
         discs: impl Iterator<Item = &'a Disc> + Clone,
     ) {
         let here = pose.position_ned_m;
         let heading = Horizontal::from_bearing(pose.yaw_rad);
+        let RangeSensor { range_m, fov_rad } = *sensor;
         let (_, edge) = sin_cos(if fov_rad < TAU { 0.5 * fov_rad } else { 0.5 * TAU });
         let sees_around = fov_rad >= TAU;
         for cell in grid.cells_within(here, range_m) {
@@ -294,7 +292,7 @@ impl Explorer {
         // The side extends from 0 to the width of a cell; this is the distance beyond its ends.
         let beside = |along_m: f32| along_m - between(along_m, 0.0, grid.cell_m);
         for disc in discs {
-            let reach_m = disc.radius_m + self.config.clearance_m;
+            let reach_m = disc.radius_m + self.clearance_m;
             let (center, reach2) = (disc.center_ned_m, reach_m * reach_m);
             for cell in grid.cells_within(center, reach_m + grid.cell_m) {
                 let off = center.minus(grid.place_of(cell));

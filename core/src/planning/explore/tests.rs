@@ -96,17 +96,17 @@ struct Flight {
     state: State,
 }
 
-struct Sensor {
-    range_m: f32,
-    fov_rad: f32,
+const AROUND: RangeSensor = RangeSensor { range_m: 4.0, fov_rad: TAU };
+const AHEAD: RangeSensor = RangeSensor { range_m: 4.0, fov_rad: 1.6 };
+const CLEARANCE_M: f32 = 0.2;
+
+fn around(range_m: f32) -> RangeSensor {
+    RangeSensor { range_m, fov_rad: TAU }
 }
 
-const AROUND: Sensor = Sensor { range_m: 4.0, fov_rad: TAU };
-const AHEAD: Sensor = Sensor { range_m: 4.0, fov_rad: 1.6 };
-
 /// A vehicle that flies where it is sent, on paths that it knows, and knows the circles that it has been near.
-fn fly(config: &Config, sensor: &Sensor, world: &[Disc], begins: Horizontal) -> Flight {
-    let explorer = config.build().unwrap();
+fn fly(config: &Config, sensor: &RangeSensor, world: &[Disc], begins: Horizontal) -> Flight {
+    let explorer = config.build(CLEARANCE_M).unwrap();
     let mut pose = Pose { position_ned_m: begins, yaw_rad: 0.3 };
     let mut flight =
         Flight { poses: Vec::new(), targets: Vec::new(), blocked: 0, outcome: Explored::NoPose, state: State::new() };
@@ -123,7 +123,7 @@ fn fly(config: &Config, sensor: &Sensor, world: &[Disc], begins: Horizontal) -> 
         });
         let now = seconds(step as f32 * DT_S);
         flight.poses.push(pose);
-        flight.outcome = explorer.step(&mut flight.state, now, &pose, sensor.range_m, sensor.fov_rad, known.iter());
+        flight.outcome = explorer.step(&mut flight.state, now, &pose, sensor, known.iter());
         let Explored::Target(target) = flight.outcome else { return flight };
         if flight.targets.last() != Some(&target) {
             flight.targets.push(target);
@@ -143,7 +143,7 @@ fn fly(config: &Config, sensor: &Sensor, world: &[Disc], begins: Horizontal) -> 
 }
 
 /// Whether a place was ever in the sensor's view with no obstacle in between, in the true world.
-fn was_seen(place: Horizontal, flight: &Flight, sensor: &Sensor, world: &[Disc]) -> bool {
+fn was_seen(place: Horizontal, flight: &Flight, sensor: &RangeSensor, world: &[Disc]) -> bool {
     flight.poses.iter().any(|pose| {
         let away = place.minus(pose.position_ned_m);
         let off_rad = wrap_pi(away.bearing_rad() - pose.yaw_rad).abs();
@@ -155,7 +155,7 @@ fn was_seen(place: Horizontal, flight: &Flight, sensor: &Sensor, world: &[Disc])
 }
 
 /// Share of the places of a square, half a metre apart, that were seen.
-fn seen_share(half_m: f32, flight: &Flight, sensor: &Sensor, world: &[Disc]) -> f32 {
+fn seen_share(half_m: f32, flight: &Flight, sensor: &RangeSensor, world: &[Disc]) -> f32 {
     let count = (2.0 * half_m / 0.5) as i32;
     let (mut seen, mut all) = (0.0, 0.0);
     for k in 1..count * count {
@@ -206,16 +206,16 @@ fn no_target_is_farther_from_the_beginning_than_the_radius_and_none_is_in_an_obs
     assert!(flight.targets.len() > 3);
     for target in &flight.targets {
         assert!(target.minus(begins).norm() <= 6.0, "{target:?}");
-        assert!(target.minus(pillar.center_ned_m).norm() >= 1.2 + config.clearance_m, "{target:?}");
+        assert!(target.minus(pillar.center_ned_m).norm() >= 1.2 + CLEARANCE_M, "{target:?}");
     }
 }
 
 #[test]
 fn a_search_ends_by_time_and_begins_anew_where_the_vehicle_is_after_its_end() {
-    let explorer = Config { limit_s: 20.0, ..Config::default() }.build().unwrap();
+    let explorer = Config { limit_s: 20.0, ..Config::default() }.build(CLEARANCE_M).unwrap();
     let mut state = State::new();
     let pose = Pose { position_ned_m: at(40.0, 2.0), yaw_rad: 1.0 };
-    let step = |state: &mut State, s: f32, pose: &Pose| explorer.step(state, seconds(s), pose, 2.0, TAU, [].iter());
+    let step = |state: &mut State, s: f32, pose: &Pose| explorer.step(state, seconds(s), pose, &around(2.0), [].iter());
     assert!(matches!(step(&mut state, 5.0, &pose), Explored::Target(_)));
     assert!(matches!(step(&mut state, 25.0, &pose), Explored::Target(_)));
     for s in [25.1, 26.0, 300.0] {
@@ -252,14 +252,14 @@ fn a_target_is_kept_until_it_is_looked_at() {
 
 #[test]
 fn what_is_blocked_is_not_tried_again_and_what_comes_no_nearer_is_blocked() {
-    let explorer = Config { limit_s: 3600.0, ..Config::default() }.build().unwrap();
+    let explorer = Config { limit_s: 3600.0, ..Config::default() }.build(CLEARANCE_M).unwrap();
     let pose = Pose::default();
     let mut state = State::new();
     let mut tried: Vec<Horizontal> = Vec::new();
     let mut now_s = 0.0;
     // The vehicle never moves: every second target is reported as blocked, the others end by `patience_s`.
     let outcome = loop {
-        let outcome = explorer.step(&mut state, seconds(now_s), &pose, 2.5, TAU, [].iter());
+        let outcome = explorer.step(&mut state, seconds(now_s), &pose, &around(2.5), [].iter());
         now_s += 1.0;
         let Explored::Target(target) = outcome else { break outcome };
         if tried.last() != Some(&target) {
@@ -278,11 +278,11 @@ fn what_is_blocked_is_not_tried_again_and_what_comes_no_nearer_is_blocked() {
 
 #[test]
 fn what_is_behind_a_wall_has_not_been_looked_at() {
-    let explorer = Config::default().build().unwrap();
+    let explorer = Config::default().build(CLEARANCE_M).unwrap();
     let mut state = State::new();
     let pose = Pose::default();
     let world = wall(at(2.0, -8.0), at(2.0, 8.0));
-    explorer.step(&mut state, seconds(0.0), &pose, 6.0, TAU, world.iter());
+    explorer.step(&mut state, seconds(0.0), &pose, &around(6.0), world.iter());
     let grid = Grid { began_ned_m: at(0.0, 0.0), cell_m: 1.0 };
     let looked = |north, east| state.looked(grid.cell_at(at(north, east)).unwrap());
     assert!(looked(1.0, 0.0) && looked(2.0, 0.0) && looked(-5.0, 0.0) && looked(0.0, 5.0));
@@ -291,20 +291,26 @@ fn what_is_behind_a_wall_has_not_been_looked_at() {
 
 #[test]
 fn poses_ranges_and_circles_that_are_no_numbers_do_no_harm() {
-    let explorer = Config::default().build().unwrap();
+    let explorer = Config::default().build(CLEARANCE_M).unwrap();
     let odd = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -1.0, 0.0, 3.0];
     let mut state = State::new();
     let nowhere = Pose { position_ned_m: at(f32::NAN, 0.0), yaw_rad: 0.0 };
-    assert_eq!(explorer.step(&mut state, seconds(1.0), &nowhere, 3.0, TAU, [].iter()), Explored::NoPose);
+    assert_eq!(explorer.step(&mut state, seconds(1.0), &nowhere, &around(3.0), [].iter()), Explored::NoPose);
     assert!(!state.is_searching());
-    let here = explorer.step(&mut state, seconds(1.0), &Pose::default(), 3.0, TAU, [].iter());
+    let here = explorer.step(&mut state, seconds(1.0), &Pose::default(), &around(3.0), [].iter());
     assert!(matches!(here, Explored::Target(_)));
     // The target is unchanged.
-    assert_eq!(explorer.step(&mut state, seconds(1.0), &nowhere, 3.0, TAU, [].iter()), here);
+    assert_eq!(explorer.step(&mut state, seconds(1.0), &nowhere, &around(3.0), [].iter()), here);
     for (k, value) in (0..odd.len().pow(4)).map(|k| (k, move |n: u32| odd[k / odd.len().pow(n) % odd.len()])) {
         let pose = Pose { position_ned_m: at(value(0), value(1)), yaw_rad: value(2) };
         let circle = Disc { center_ned_m: at(value(1), value(3)), radius_m: value(2), ..Disc::default() };
-        let outcome = explorer.step(&mut state, seconds(1.0), &pose, value(3), value(2), [circle].iter());
+        let outcome = explorer.step(
+            &mut state,
+            seconds(1.0),
+            &pose,
+            &RangeSensor { range_m: value(3), fov_rad: value(2) },
+            [circle].iter(),
+        );
         if let Explored::Target(target) = outcome {
             assert!(target.is_finite(), "{k}");
         }
@@ -313,9 +319,9 @@ fn poses_ranges_and_circles_that_are_no_numbers_do_no_harm() {
 
 #[test]
 fn a_configuration_that_does_not_fit_its_grid_is_refused() {
-    let refused = |config: Config| config.build().unwrap_err().field;
+    let refused = |config: Config| config.build(CLEARANCE_M).unwrap_err().field;
     assert_eq!(refused(Config { radius_m: 15.5, ..Config::default() }), "explore.radius_m");
     assert_eq!(refused(Config { limit_s: f32::INFINITY, ..Config::default() }), "explore.limit_s");
-    assert!(Config { radius_m: 30.0, cell_m: 2.0, ..Config::default() }.build().is_ok());
+    assert!(Config { radius_m: 30.0, cell_m: 2.0, ..Config::default() }.build(CLEARANCE_M).is_ok());
     assert!(core::mem::size_of::<State>() <= 312, "{}", core::mem::size_of::<State>());
 }

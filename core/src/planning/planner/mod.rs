@@ -17,12 +17,13 @@
 
 use heapless::Vec;
 
+use crate::base::config::{RangeSensor, Vehicle};
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Disc, Obstacle};
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
-use crate::localize::goal::SIGHTINGS_MAX;
+use crate::localize::belief::SIGHTINGS_MAX;
 use crate::localize::goal::posterior::Estimate;
 use crate::localize::source::Sighting;
 use crate::mapping::map::CIRCLES_MAX;
@@ -81,14 +82,8 @@ pub struct Config {
     /// How to search while no signal is received; `None`: the vehicle holds instead. Only [`Kind::Foxhound`] can
     /// search.
     pub explore: Option<explore::Config>,
-    /// Range of the obstacle sensor, and its field of view: they decide what counts as searched.
-    pub sees_m: f32,
-    /// See `sees_m`.
-    pub sees_rad: f32,
     /// How [`Kind::Paper`] averages the samples' offsets.
     pub offsets: Offsets,
-    /// Radius of the vehicle.
-    pub vehicle_radius_m: f32,
     /// Clearance that a trajectory of [`Kind::Foxhound`] keeps from every known obstacle.
     pub margin_m: f32,
     /// Clearance that it keeps where there is no space for more.
@@ -133,10 +128,7 @@ impl Config {
             walls: walls::Config::DEFAULT,
             bends: true,
             explore: None,
-            sees_m: 3.0,
-            sees_rad: core::f32::consts::FRAC_PI_2,
             offsets: Offsets::Signed,
-            vehicle_radius_m: 0.15,
             margin_m: 0.05,
             tight_margin_m: 0.02,
             horizon_m: 2.0,
@@ -145,12 +137,12 @@ impl Config {
         }
     }
 
-    /// Checks the configuration.
+    /// Checks the configuration. The sensor decides what counts as searched.
     ///
     /// # Errors
     /// The field that is out of range; or `planner.kind` or `planner.law.kind` if it is one of the papers', with its
     /// number as the value.
-    pub fn build(&self) -> Result<Planner, ConfigError> {
+    pub fn build(&self, vehicle: &Vehicle, sensor: &RangeSensor) -> Result<Planner, ConfigError> {
         for (field, number) in [("planner.kind", self.kind as u8), ("planner.law.kind", self.law.kind as u8)] {
             if number != 0 {
                 let why = Why::Inconsistent("the papers' planners and fields are not part of this program");
@@ -171,18 +163,20 @@ impl Config {
             check("planner.gains_sigma", value, 0.0, 100.0)?;
         }
         check("planner.lambda", self.lambda, 1e-3, 1e3)?;
-        check("planner.vehicle_radius_m", self.vehicle_radius_m, 0.0, 5.0)?;
         check("planner.margin_m", self.margin_m, 0.0, 5.0)?;
         check("planner.tight_margin_m", self.tight_margin_m, 0.0, self.margin_m)?;
         check("planner.horizon_m", self.horizon_m, 0.5, 2.0)?;
         check("planner.checked_segments", f32::from(self.checked_segments), 1.0, WAYPOINTS as f32)?;
-        check("planner.sees_m", self.sees_m, 0.1, 1000.0)?;
-        check("planner.sees_rad", self.sees_rad, 0.01, core::f32::consts::TAU)?;
+        vehicle.check()?;
+        sensor.check()?;
+        let clearance_m = vehicle.radius_m + self.margin_m;
         Ok(Planner {
             config: *self,
+            vehicle: *vehicle,
+            sensor: *sensor,
             wavefront: self.wavefront.build()?,
             lines: self.walls.build()?,
-            explorer: self.explore.map(|explore| explore.build()).transpose()?,
+            explorer: self.explore.map(|explore| explore.build(clearance_m)).transpose()?,
         })
     }
 }
@@ -378,6 +372,8 @@ impl Workspace {
 #[derive(Clone, Debug)]
 pub struct Planner {
     config: Config,
+    vehicle: Vehicle,
+    sensor: RangeSensor,
     wavefront: Wavefront,
     lines: walls::Extractor,
     explorer: Option<explore::Explorer>,
@@ -406,12 +402,11 @@ impl Planner {
         }
         let (Some(search), Some(explorer)) = (&request.search, &self.explorer) else {
             workspace.explore.end();
-            return mppi::plan(&self.config, &self.wavefront, workspace, (request, known), request.known_source_ned_m);
+            return mppi::plan(self, workspace, (request, known), request.known_source_ned_m);
         };
-        let (range_m, fov_rad) = (self.config.sees_m, self.config.sees_rad);
-        match explorer.step(&mut workspace.explore, search.now, &search.pose, range_m, fov_rad, known.iter()) {
+        match explorer.step(&mut workspace.explore, search.now, &search.pose, &self.sensor, known.iter()) {
             Explored::Target(place_ned_m) => {
-                let plan = mppi::plan(&self.config, &self.wavefront, workspace, (request, known), Some(place_ned_m));
+                let plan = mppi::plan(self, workspace, (request, known), Some(place_ned_m));
                 if plan.verdict == Verdict::Brake {
                     workspace.explore.blocked();
                 }

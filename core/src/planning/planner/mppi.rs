@@ -27,7 +27,7 @@ use heapless::Vec;
 
 use super::bend::bend;
 use super::sampling::{draw, nearest, weighted};
-use super::{Config, Plan, PlanRequest, SAMPLES, Verdict, Workspace};
+use super::{Config, Plan, PlanRequest, Planner, SAMPLES, Verdict, Workspace};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Disc, Obstacle};
@@ -36,7 +36,7 @@ use crate::localize::goal::posterior::{Estimate, Posterior};
 use crate::mapping::map::CIRCLES_MAX;
 use crate::planning::field::{Field, Gains};
 use crate::planning::rollout::{Cost, SPACING_M, Trajectory, WAYPOINTS, cost, swept_clearance_m};
-use crate::planning::wavefront::{ROUTE_MAX, Wavefront, Window};
+use crate::planning::wavefront::{ROUTE_MAX, Window};
 
 /// Stream of the posterior's random numbers.
 const SOURCE_STREAM: u64 = 0x736f_7572_6365;
@@ -163,12 +163,12 @@ struct Aim {
 
 /// Answers one request; `known` is the position of the source, or of a target in its place, if that is known.
 pub(super) fn plan(
-    config: &Config,
-    wavefront: &Wavefront,
+    planner: &Planner,
     workspace: &mut Workspace,
     (request, discs): (&PlanRequest, &[Disc]),
     known: Option<Horizontal>,
 ) -> Plan {
+    let Planner { config, vehicle, wavefront, .. } = planner;
     let start = request.start_ned_m;
     let mut rng = Rng::new(request.seed, u64::from(request.id));
     let source = locate(&mut workspace.memory.posterior, request, known);
@@ -186,7 +186,7 @@ pub(super) fn plan(
             // Moving obstacles have moved on by then, and avoiding them for longer means to meet them more often.
             let gust_margin_m = if disc.moves { 0.0 } else { request.gust_margin_m };
             let disc = if as_measured { disc.measured() } else { *disc };
-            let _ = obstacles.push(Obstacle::of(&disc, config.vehicle_radius_m + gust_margin_m));
+            let _ = obstacles.push(Obstacle::of(&disc, vehicle.radius_m + gust_margin_m));
         }
     };
     // Among people the path keeps clear of the sigma as well: that is also the space to give way in.

@@ -23,7 +23,8 @@ fn request() -> PlanRequest {
 
 fn plan(request: &PlanRequest, known: &[Disc]) -> (Plan, Workspace) {
     let mut workspace = Workspace::default();
-    let plan = Config::default().build().unwrap().plan(&mut workspace, request, known);
+    let plan =
+        Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap().plan(&mut workspace, request, known);
     (plan, workspace)
 }
 
@@ -40,7 +41,7 @@ fn it_flies_straight_through_the_open() {
 
 #[test]
 fn ours_never_returns_a_path_that_loses_its_margin() {
-    let planner = Config::default().build().unwrap();
+    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap();
     let mut workspace = Workspace::default();
     let (mut followed, mut braked) = (0, 0);
     for seed in 0..400_u64 {
@@ -87,7 +88,7 @@ fn a_gap_that_may_be_closed_is_flown_to_and_left_when_that_brings_it_no_nearer()
     let wall = (0..40).flat_map(|k| [1.0_f32, -1.0].map(|side| (3.0, side * (0.45 + 0.3 * k as f32), 0.2 + 0.15)));
     let known: Discs = discs(&wall.collect::<std::vec::Vec<_>>());
     let known: Discs = known.into_iter().map(|disc| Disc { sigma_mm: 150, ..disc }).collect();
-    let planner = Config::default().build().unwrap();
+    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap();
     let mut workspace = Workspace::default();
     let known_source_ned_m = Some(Horizontal { north: 6.0, east: 0.0 });
     let mut east_m = |begins, id| {
@@ -117,7 +118,7 @@ fn wide_wall() -> (PlanRequest, Discs) {
 
 #[test]
 fn a_wall_wider_than_the_window_is_gone_round() {
-    let planner = Config::default().build().unwrap();
+    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap();
     let (mut workspace, (mut request, known)) = (Workspace::default(), wide_wall());
     let source = request.known_source_ned_m.unwrap();
     for _ in 0..80 {
@@ -134,7 +135,7 @@ fn a_wall_wider_than_the_window_is_gone_round() {
 
 #[test]
 fn who_never_comes_nearer_is_told_that_there_is_no_way_until_it_is_handed_over_again() {
-    let planner = Config::default().build().unwrap();
+    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap();
     let (mut workspace, (mut request, known)) = (Workspace::default(), wide_wall());
     request.start_ned_m.north = 1.0;
     let mut verdict = |begins| {
@@ -175,7 +176,7 @@ fn bad_gains_are_refused_by_name() {
     let refused = |change: &dyn Fn(&mut Config)| {
         let mut config = Config::default();
         change(&mut config);
-        config.build().unwrap_err().field
+        config.build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap_err().field
     };
     assert_eq!(refused(&|c| c.lambda = 0.0), "planner.lambda");
     assert_eq!(refused(&|c| c.gains.k_rep = f32::NAN), "planner.gains.k_rep");

@@ -21,6 +21,7 @@ use core::hint::black_box;
 use foxhound_computer::SAMPLES_PER_CHANNEL as N;
 use foxhound_computer::twin::instructions;
 use foxhound_core::base::adc::AdcFrame;
+use foxhound_core::base::config::{RangeSensor, Vehicle};
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::{Neighbour, Obstacle};
 use foxhound_core::base::pose::Pose;
@@ -80,7 +81,7 @@ fn main() -> ! {
     several_looks(&measure);
     obstacle_looks(&measure);
     let config = guidance::Config::default();
-    let (Ok(guidance), Ok(planner)) = (config.build(), config.planner.build()) else {
+    let (Ok(guidance), Ok(planner)) = (config.build(), config.build_planner()) else {
         Twin::halt(format_args!("the built-in configuration does not build"))
     };
     let workspace = SCRATCH.take();
@@ -119,7 +120,7 @@ fn peer(name: &str, whose: &str, instructions: u32) {
 /// them: the worst over the forests.
 #[inline(never)]
 fn guard_among_obstacles(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    let Ok(guard) = guard::Config::default().build() else {
+    let Ok(guard) = guard::Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT) else {
         Twin::halt(format_args!("the built-in guard does not build"))
     };
     let (mut worst, mut worst_look) = (0, 0);

@@ -4,6 +4,7 @@
 use core::f32::consts::TAU;
 use core::hint::black_box;
 
+use foxhound_core::base::config::RangeSensor;
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Disc;
 use foxhound_core::base::pose::Pose;
@@ -16,7 +17,7 @@ use foxhound_core::localize::link_state::{self, Classifier, Features, Sightline}
 use foxhound_core::localize::source::{Sighting, bank, polar};
 use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::mapping::walls::{self, Wall};
-use foxhound_core::planning::{explore, planner};
+use foxhound_core::planning::explore;
 use foxhound_firmware::board::Board as _;
 use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 use foxhound_papers::filters::reflected::{Known, unknown};
@@ -226,23 +227,25 @@ fn one_antenna(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     row("rss_rotation", rotation, 15_000);
 }
 
+/// Distance that the search keeps from obstacles: that of a vehicle of the default size.
+const CLEARANCE_M: f32 = 0.2;
+
 /// A room of as many circles as the map holds, with a door, and obstacles outside.
 #[inline(never)]
 fn search(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    let Ok(explorer) = explore::Config::default().build() else {
+    let Ok(explorer) = explore::Config::default().build(CLEARANCE_M) else {
         Twin::halt(format_args!("the search does not build"))
     };
     let (mut state, mut rng) = (explore::State::new(), Rng::new(6, 40));
     let circles = room(&mut rng, 0.1).map(|center_ned_m| Disc { center_ned_m, radius_m: 0.15, ..Disc::default() });
-    // The range that the planner assumes for its sensor, and all around.
-    let sees_m = planner::Config::default().sees_m;
+    let sensor = RangeSensor { fov_rad: TAU, ..RangeSensor::DEFAULT };
     let (mut here, mut most) = (Horizontal::default(), 0);
     for k in 0..STEPS {
         let pose = Pose { position_ned_m: here, yaw_rad: wrap_pi(0.3 * k as f32) };
         let mut explored = explore::Explored::NoPose;
         most = most.max(measure(&mut || {
             explored =
-                explorer.step(&mut state, Instant(500_000 * k as u64), &pose, sees_m, TAU, black_box(&circles).iter());
+                explorer.step(&mut state, Instant(500_000 * k as u64), &pose, &sensor, black_box(&circles).iter());
         }));
         match explored {
             // Walls do not hinder the bench.

@@ -125,7 +125,7 @@ impl Log {
             way: Way::default(),
             steps: 0,
             time_ns: 0,
-            radius_m: f64::from(config.planner.vehicle_radius_m),
+            radius_m: f64::from(config.vehicle.radius_m),
         };
         for record in log.recorder.take() {
             if let Record::Begin(begin) = record {

@@ -38,6 +38,7 @@ const PARTICLE_MIN: f32 = 1e-2;
 #[derive(Debug)]
 pub struct Recorder {
     config: planner::Config,
+    radius_m: f32,
     pictures: Pictures,
     signals: Signals,
     /// Brakes of the guard because the limits of the obstacles contradict one another.
@@ -63,6 +64,7 @@ impl Recorder {
         let empty = Workspace::new();
         let mut recorder = Self {
             config: planner,
+            radius_m: config.vehicle.radius_m,
             pictures: Pictures::new(config),
             signals: Signals::new(config),
             contradictions: 0,
@@ -84,7 +86,7 @@ impl Recorder {
         let contradictions = moment.output.guard_counts.not_converged;
         let contradicts = contradictions != std::mem::replace(&mut self.contradictions, contradictions);
         let guard_reason = guard_reason(moment.output.guard, contradicts);
-        let step = step(moment, self.config.vehicle_radius_m);
+        let step = step(moment, self.radius_m);
         self.records.push(Record::Step(Step { time_s, guard_reason, ..step }));
         if let Some(frame) = moment.frame.filter(|_| self.steps.is_multiple_of(SIGNAL_STEPS)) {
             self.records.push(Record::Signal(self.signals.signal(time_s, frame)));
@@ -107,7 +109,7 @@ impl Recorder {
             let draws = drawn != self.drawn;
             self.drawn = drawn;
             let trace = format!("{:016x}", moment.output.trace_hash);
-            let plan = Plan { time_s, trace, ..plan(&self.config, &considered, draws) };
+            let plan = Plan { time_s, trace, ..plan((&self.config, self.radius_m), &considered, draws) };
             self.records.push(Record::Plan(Box::new(plan)));
         }
         self.steps += 1;
@@ -235,7 +237,7 @@ fn track(body: &tracks::Track) -> Track {
 }
 
 /// A plan, without its time and trace.
-fn plan(config: &planner::Config, considered: &Considered<'_>, draws: bool) -> Plan {
+fn plan((config, radius_m): (&planner::Config, f32), considered: &Considered<'_>, draws: bool) -> Plan {
     let Considered { known, plan, workspace } = considered;
     let chosen = (0..SAMPLES).find(|index| {
         draws && workspace.samples[*index] == plan.waypoints_ned_m && workspace.gains[*index] == plan.gains
@@ -248,7 +250,7 @@ fn plan(config: &planner::Config, considered: &Considered<'_>, draws: bool) -> P
         _ if draws => Origin::Straight,
         _ => Origin::Bent,
     };
-    let obstacles: Vec<Obstacle> = known.iter().map(|disc| Obstacle::of(disc, config.vehicle_radius_m)).collect();
+    let obstacles: Vec<Obstacle> = known.iter().map(|disc| Obstacle::of(disc, radius_m)).collect();
     let particles: Vec<(ned::Horizontal, f32)> = workspace.particles().collect();
     let heaviest = particles.iter().map(|(_, weight)| *weight).fold(0.0, f32::max);
     let kept = particles.iter().filter(|(_, weight)| *weight > PARTICLE_MIN * heaviest);

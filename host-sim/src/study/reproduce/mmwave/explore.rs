@@ -4,6 +4,7 @@
 //! of that has been looked at.
 
 use foxhound_core::ConfigError;
+use foxhound_core::base::config::RangeSensor;
 use foxhound_core::base::obstacle::Disc;
 use foxhound_core::base::pose::Pose;
 use foxhound_core::base::time::Instant;
@@ -14,6 +15,8 @@ use crate::world::{Horizontal, from_core};
 
 /// A point of a wall as a circle.
 const POINT_RADIUS_M: f32 = 0.1;
+/// Distance that it keeps from them.
+const CLEARANCE_M: f32 = 0.2;
 /// A control cycle.
 const CYCLE_US: u64 = 1_000_000;
 
@@ -30,7 +33,7 @@ impl Explorer {
     /// None that the built-in configuration could cause.
     pub(super) fn new(seed: u64) -> Result<Self, ConfigError> {
         let config = explore::Config { limit_s: 3600.0, seed: seed as u32, ..explore::Config::default() };
-        Ok(Self { explorer: config.build()?, state: explore::State::new() })
+        Ok(Self { explorer: config.build(CLEARANCE_M)?, state: explore::State::new() })
     }
 
     /// There is no path to the target.
@@ -45,9 +48,9 @@ impl Explorer {
         let circles: Vec<Disc> = known.points().iter().map(circle).collect();
         let pose = Pose { position_ned_m: place.to_core(), yaw_rad: 0.0 };
         let now = Instant(u64::from(cycle) * CYCLE_US);
+        let sensor = RangeSensor { range_m: RANGE_M as f32, fov_rad: std::f32::consts::TAU };
         for _ in 0..2 {
-            let explored =
-                self.explorer.step(&mut self.state, now, &pose, RANGE_M as f32, std::f32::consts::TAU, circles.iter());
+            let explored = self.explorer.step(&mut self.state, now, &pose, &sensor, circles.iter());
             match explored {
                 Explored::Target(target) => return Some(from_core(target)),
                 _ => self.state.end(),

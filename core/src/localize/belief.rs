@@ -1,0 +1,225 @@
+//! The belief about the source: everything that the bearings have shown, and the only place where later stages ask.
+//!
+//! Bearings are averaged ([`goal`]) and gathered into sightings ([`gather`]); the link is classified as direct or
+//! reflected ([`link_state`]); a bank of filters estimates the source's position from the sightings ([`bank`]). A
+//! reflected sighting is passed on as the vehicle's mirror image would have measured it, without the reflection.
+//!
+//! [`goal`]: crate::localize::goal
+
+use heapless::Vec;
+
+use crate::base::error::ConfigError;
+use crate::base::ned::Horizontal;
+use crate::base::ownship::Ownship;
+use crate::base::time::Instant;
+use crate::doa::bearing::Bearing;
+use crate::localize::goal;
+use crate::localize::link_state::{self, Classifier, Sightline};
+use crate::localize::source::bank::{self, Answer, Mode, Path};
+use crate::localize::source::gather::Gathering;
+use crate::localize::source::{Estimate, Sighting};
+use crate::mapping::walls::Wall;
+
+/// Number of sightings kept for the planner; a new one replaces the oldest.
+pub const SIGHTINGS_MAX: usize = 16;
+
+/// The classifier of reflected and direct links, with the ratio of reflected to direct links.
+const CLASSIFIER: Classifier = Classifier::TRAINED;
+const REFLECTED_PRIOR: f32 = 0.25;
+/// Share of the weight that the leading filter must have for its reflection to be followed.
+const SURE: f32 = 0.7;
+
+/// The configured stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Localizer {
+    goal: goal::Seeker,
+    bank: bank::FilterBank,
+    reflections: bool,
+    reflected_min: f32,
+    slack_m: f32,
+    range_sigma_max: f32,
+}
+
+/// The belief, kept from bearing to bearing.
+#[derive(Clone, Debug, Default)]
+pub struct State {
+    average: goal::State,
+    gathering: Gathering,
+    link: link_state::State,
+    /// Probability that the link is reflected, as of the last bearing.
+    reflected: f32,
+    bank: bank::State,
+    /// The bank's last answer.
+    answer: Option<Answer>,
+    /// The position taken for the source was its mirror image.
+    misled: bool,
+    /// The sightings that the planner has not got yet.
+    sightings: Vec<Sighting, SIGHTINGS_MAX>,
+}
+
+impl Localizer {
+    /// The stage of two configurations; `reflections` is whether reflections are considered.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(goal: &goal::Config, bank: &bank::Config, reflections: bool) -> Result<Self, ConfigError> {
+        Ok(Self {
+            goal: goal.build()?,
+            bank: bank.build()?,
+            reflections,
+            reflected_min: bank.reflected_min,
+            slack_m: bank.slack_m,
+            range_sigma_max: bank.range_sigma_max,
+        })
+    }
+
+    /// Processes an array's bearing, usable or not; returns its direction from north, clockwise, if it is usable.
+    /// `walls` are those known.
+    pub fn observe(
+        &self,
+        state: &mut State,
+        bearing: &Bearing,
+        ownship: Option<&Ownship>,
+        walls: &[Wall],
+    ) -> Option<f32> {
+        let sane =
+            libm::fabsf(bearing.azimuth_rad) <= 100.0 && bearing.sigma_rad.is_finite() && bearing.sigma_rad > 0.0;
+        let ownship = ownship?;
+        let bearing_ned_rad = (bearing.valid && sane).then(|| self.goal.observe(&mut state.average, bearing, ownship));
+        if self.reflections {
+            self.classify(state, bearing, bearing_ned_rad, ownship, walls);
+        }
+        if let Some(bearing_ned_rad) = bearing_ned_rad {
+            let (at, place) = (bearing.time, ownship.position_ned_m.horizontal());
+            let direction = Horizontal::from_bearing(bearing_ned_rad);
+            if let Some(sighting) = state.gathering.add(at, direction, place, bearing.sigma_rad) {
+                self.add(state, &sighting, walls);
+            }
+        }
+        bearing_ned_rad
+    }
+
+    /// Processes a bearing that is not an array's, so that it says nothing about reflections, and its sighting.
+    pub fn observe_direct(
+        &self,
+        state: &mut State,
+        bearing: &Bearing,
+        sighting: Option<&Sighting>,
+        ownship: &Ownship,
+        walls: &[Wall],
+    ) -> Option<f32> {
+        let bearing_ned_rad = bearing.valid.then(|| self.goal.observe(&mut state.average, bearing, ownship));
+        if let Some(sighting) = sighting {
+            self.add(state, sighting, walls);
+        }
+        bearing_ned_rad
+    }
+
+    /// Probability that the link is reflected, from a bearing or its absence.
+    fn classify(
+        &self,
+        state: &mut State,
+        bearing: &Bearing,
+        bearing_ned_rad: Option<f32>,
+        ownship: &Ownship,
+        walls: &[Wall],
+    ) {
+        // A bearing made elsewhere has no information about its waves.
+        if bearing_ned_rad.is_some() && bearing.quality.coherence.is_none() {
+            state.reflected = 0.0;
+            return;
+        }
+        let place_ned_m = ownship.position_ned_m.horizontal();
+        let sightline = match (walls, bearing_ned_rad) {
+            ([], _) | (_, None) => Sightline::Unknown,
+            (walls, Some(bearing_ned_rad)) => Sightline::among(walls, place_ned_m, bearing_ned_rad, self.slack_m),
+        };
+        let features = link_state::Features { place_ned_m, bearing, bearing_ned_rad, sightline };
+        state.reflected = CLASSIFIER.step(&mut state.link, &features).reflected(REFLECTED_PRIOR);
+    }
+
+    /// Sighting -> filters.
+    fn add(&self, state: &mut State, sighting: &Sighting, walls: &[Wall]) {
+        if !sighting.is_plausible() {
+            return;
+        }
+        let answer = self.bank.step(&mut state.bank, sighting, state.reflected, walls);
+        // A reflection is worth following when its origin is known.
+        let sure = |answer: &Answer| answer.mode == Mode::Go && answer.share > SURE;
+        let answer = answer.map(|answer| if sure(&answer) { answer } else { Answer { path: Path::Direct, ..answer } });
+        let path = answer.map_or(Path::Direct, |answer| answer.path);
+        let was_direct = state.answer.is_none_or(|answer| answer.path == Path::Direct);
+        state.misled |= was_direct && path != Path::Direct;
+        state.answer = answer;
+        if state.sightings.is_full() {
+            state.sightings.remove(0);
+        }
+        // Cannot fail: there is space now.
+        let _ = state.sightings.push(path.straightened(sighting));
+    }
+
+    /// Whether the link is probably reflected.
+    #[must_use]
+    pub fn is_reflected(&self, state: &State) -> bool {
+        state.reflected >= self.reflected_min
+    }
+
+    /// The estimate of the source while its range is too uncertain to fly there.
+    #[must_use]
+    pub fn vague<'a>(&self, state: &'a State) -> Option<&'a Estimate> {
+        let estimate = &state.answer.as_ref()?.estimate;
+        (estimate.range_sigma_ratio > self.range_sigma_max).then_some(estimate)
+    }
+}
+
+impl State {
+    /// The averaged bearing of the source from north, clockwise; `None` before the first valid one.
+    #[must_use]
+    pub fn bearing_ned_rad(&self) -> Option<f32> {
+        self.average.source_bearing_ned_rad()
+    }
+
+    /// Angle by which the source lies below the horizon.
+    #[must_use]
+    pub fn depression_rad(&self) -> f32 {
+        self.average.depression_rad()
+    }
+
+    /// When the last valid bearing was measured.
+    #[must_use]
+    pub fn updated(&self) -> Option<Instant> {
+        self.average.updated()
+    }
+
+    /// The estimated position of a source that is received directly.
+    #[must_use]
+    pub fn direct(&self) -> Option<&Estimate> {
+        self.answer.as_ref().filter(|answer| answer.path == Path::Direct).map(|answer| &answer.estimate)
+    }
+
+    /// The direction of the origin of a reflected signal, from a place; `None` for a direct one.
+    #[must_use]
+    pub fn around_the_corner(&self, from_ned_m: Horizontal) -> Option<Horizontal> {
+        let answer = self.answer.filter(|answer| answer.path != Path::Direct)?;
+        let towards = answer.estimate.place_ned_m.minus(from_ned_m);
+        let norm = towards.norm();
+        (norm > 1e-3).then(|| towards.times(1.0 / norm))
+    }
+
+    /// Weight of the leading filter, and its averaged normalised innovation squared.
+    #[must_use]
+    pub fn share_and_nis(&self) -> Option<(f32, f32)> {
+        self.answer.map(|answer| (answer.share, answer.nis))
+    }
+
+    /// The link is direct, since nothing is known about it.
+    pub fn assume_direct(&mut self) {
+        self.reflected = 0.0;
+    }
+
+    /// The sightings since the last call, and whether what was learned from those before was about the source's mirror
+    /// image.
+    pub fn take_sightings(&mut self) -> (Vec<Sighting, SIGHTINGS_MAX>, bool) {
+        (core::mem::take(&mut self.sightings), core::mem::take(&mut self.misled))
+    }
+}
