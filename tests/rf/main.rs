@@ -6,6 +6,7 @@ mod calibration;
 mod direction_finding;
 mod link_state;
 mod modulations;
+mod music;
 mod other_radios;
 mod radio_files;
 mod reflections;
