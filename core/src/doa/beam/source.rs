@@ -6,7 +6,9 @@
 //!
 //! A source is there when the largest eigenvalue stands above what noise alone reaches (Johnstone 2001, Ann. Stat. 29:
 //! `(1 + sqrt(n / N))^2` and its spread). When what is left beside the plane wave does as well, there is a second one: another
-//! emitter when the covariance has a second large eigenvalue, a reflection of the same when it has not.
+//! emitter when the covariance has a second large eigenvalue, a reflection of the same when it has not. Two that are near each
+//! other leave nearly all of it along the derivative of the plane wave: the power there is also compared with that beside it, which takes
+//! less to stand out (the ratio of two variances with `2 N` and `2 N (n - 2)` degrees of freedom).
 
 use core::f32::consts::PI;
 
@@ -23,6 +25,10 @@ const STEPS: usize = 16;
 const APART: f32 = 5.0;
 /// Amplitude that is left beside a plane wave by channels that are not quite alike, as a share of it: -30 dB.
 const UNLIKE: f32 = 0.001;
+/// Standard deviations of the logarithm of a ratio of variances that noise alone exceeds once in a thousand.
+const SPLIT_SIGMAS: f32 = 3.09;
+/// Half of the turn over which the derivative of a plane wave is taken.
+const TURN_RAD: f32 = 0.01;
 /// What a second wave does to a bearing, rms.
 const SECOND_SIGMA_RAD: f32 = 5.0 / 57.295_78;
 
@@ -127,12 +133,27 @@ fn second(beam: &Beam, covariance: &Covariance, peak: &Peak, first: &Dominant, n
     let limit = |noise: f32| ceiling(antennas - 1.0, samples) * noise + UNLIKE * first.value;
     let beside = if antennas > 3.0 { (rest - left.value).max(0.0) / (antennas - 2.0) } else { noise };
     let is_left = left.value > limit(noise) || (antennas > 3.0 && left.value > 1.5 * limit(beside));
-    if !is_left {
+    let across = covariance.power(&across(beam, covariance, peak.azimuth_rad, &wave));
+    let spread = libm::expf(SPLIT_SIGMAS * sqrt((1.0 + 1.0 / (antennas - 2.0)) / samples));
+    let is_split = across > spread * (rest - across).max(0.0) / (antennas - 2.0) + UNLIKE * first.value;
+    if !is_left && !is_split {
         return None;
     }
     let other = Dominant::of(|z| without(&covariance.times(&without(z, &first.vector)), &first.vector), &start);
     let is_emitter = other.value > 0.5 * left.value;
     Some(if is_emitter { Flags::INTERFERER } else { Flags::MULTIPATH })
+}
+
+/// How a plane wave, of length one, changes with its direction, less what lies along itself; of length one.
+fn across(beam: &Beam, covariance: &Covariance, azimuth_rad: f32, wave: &Vector) -> Vector {
+    let (behind, before) = (beam.toward(azimuth_rad + TURN_RAD), beam.toward(azimuth_rad - TURN_RAD));
+    let change = |k: usize| match (behind.get(k), before.get(k)) {
+        (Some(behind), Some(before)) if covariance.lives(k) => behind.plus(before.scaled(-1.0)),
+        _ => Complex::default(),
+    };
+    let across = without(&core::array::from_fn(change), wave);
+    let length = sqrt(across.iter().map(|z| z.norm_squared()).sum::<f32>());
+    if length > 0.0 { across.map(|z| z.scaled(1.0 / length)) } else { Vector::default() }
 }
 
 /// A vector less its part along another of length one.
