@@ -42,8 +42,15 @@ impl Covariance {
     /// `a' R a`.
     #[must_use]
     pub fn power(&self, a: &Vector) -> f32 {
-        let terms = self.times(a);
-        terms.iter().zip(a).map(|(y, a)| y.times_conj(*a).re).sum()
+        let mut sum = 0.0;
+        for (k, (row, a_k)) in self.rows.iter().zip(a).enumerate() {
+            // The other half of the matrix gives the same once more.
+            let behind = row.iter().zip(a).skip(k + 1);
+            let half = behind.fold(Complex::default(), |sum, (r, a)| sum.plus(r.times(*a))).scaled(2.0);
+            let own = row.get(k).map_or_else(Complex::default, |r| a_k.scaled(r.re));
+            sum += half.plus(own).times_conj(*a_k).re;
+        }
+        sum
     }
 
     /// `R a`.
@@ -70,7 +77,7 @@ impl Covariance {
     /// Whether an antenna hears anything.
     #[must_use]
     pub fn lives(&self, antenna: usize) -> bool {
-        self.diagonal().nth(antenna).is_some_and(|power| power > 0.0)
+        self.rows.get(antenna).and_then(|row| row.get(antenna)).is_some_and(|power| power.re > 0.0)
     }
 
     /// How many antennas hear anything.
