@@ -153,7 +153,7 @@ pub struct Group {
     good: usize,
     offset_rad: f32,
     snr_db: f32,
-    /// Other offsets that are nearly as likely, by the last packet.
+    /// Most other offsets of a packet that are nearly as likely.
     open: u8,
 }
 
@@ -229,7 +229,7 @@ impl Estimator {
             group.covariance.add(&group.last, 1.0);
         }
         group.last = followed.z;
-        group.open = followed.open;
+        group.open = group.open.max(followed.open);
         group.scan.add(&followed.scan);
         group.peak = (group.clean == 1).then_some(peak);
         let share = 1.0 / group.clean as f32;
@@ -335,10 +335,11 @@ impl Estimator {
         }
         let mirror_rad = self.beam.mirror_rad(peak.azimuth_rad);
         let rivals = self.rivals(&peak, group.variance);
-        let others = rivals.saturating_add(group.open);
+        let is_sure = is_enough(group.good);
+        let others = rivals.saturating_add(if is_sure { 0 } else { group.open });
         bearing.azimuth_rad = peak.azimuth_rad;
         bearing.sigma_rad = self.sigma_rad(&peak, group);
-        bearing.valid = rivals == 0 && is_enough(group.good) && bearing.sigma_rad < SIGMA_USELESS_RAD;
+        bearing.valid = rivals == 0 && is_sure && bearing.sigma_rad < SIGMA_USELESS_RAD;
         if !bearing.valid || mirror_rad.is_some() {
             flags = flags.with(Flags::AMBIGUOUS);
         }

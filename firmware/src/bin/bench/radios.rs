@@ -35,9 +35,9 @@ pub(super) fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
 }
 
 /// A ring of eight antennas.
-fn beam() -> Beam {
+fn beam(radius_m: f32) -> Beam {
     let antennas_m = core::array::from_fn(|k| {
-        let z = Complex::at(wrap_pi(k as f32 * TAU / ANTENNAS as f32)).scaled(0.5);
+        let z = Complex::at(wrap_pi(k as f32 * TAU / ANTENNAS as f32)).scaled(radius_m);
         [z.re, z.im]
     });
     let config = beam::Config { wavelength_m: 1.0, antennas_m, count: ANTENNAS };
@@ -57,7 +57,7 @@ fn packets(measure: &impl Fn(&mut dyn FnMut()) -> u32, rng: &mut Rng) {
     }
     let (sample_rate_hz, tone_hz, slot_s, pattern_slots) = (2e6, 250e3, 4e-6, ANTENNAS);
     let schedule = slots::Config { antennas: ANTENNAS, sample_rate_hz, tone_hz, slot_s, pattern, pattern_slots };
-    let built = schedule.build(SLOTS, SAMPLES).and_then(|reader| switched::Config::default().build(beam(), reader));
+    let built = schedule.build(SLOTS, SAMPLES).and_then(|reader| switched::Config::default().build(beam(0.5), reader));
     let Ok(estimator) = built else { Twin::halt(format_args!("the switched array does not build")) };
     let packet = PACKET.take();
     let (mut emitter, mut typical, mut hard) = (Emitter::default(), 0, 0);
@@ -93,7 +93,8 @@ fn packets(measure: &impl Fn(&mut dyn FnMut()) -> u32, rng: &mut Rng) {
 
 #[inline(never)]
 fn frames(measure: &impl Fn(&mut dyn FnMut()) -> u32, rng: &mut Rng) {
-    let (beam, frame) = (beam(), FRAME.take());
+    // A ring of this size has a table of 36 directions.
+    let (beam, frame) = (beam(0.61), FRAME.take());
     let wave = beam.toward(1.1);
     for z in frame.iter_mut() {
         let sent = Complex { re: rng.gaussian(), im: rng.gaussian() };
@@ -111,7 +112,6 @@ fn frames(measure: &impl Fn(&mut dyn FnMut()) -> u32, rng: &mut Rng) {
         }
     });
     row("covariance_8x256", added, 0);
-    // A ring of this size has a table of 36 directions.
     let mut scan = beam::Scan::default();
     let turned = measure(&mut || beam.scan(black_box(&wave), black_box(&mut scan)));
     row("beam_36", turned, 0);
