@@ -23,16 +23,6 @@ impl Covariance {
         self.weight += weight;
     }
 
-    /// Adds another covariance.
-    pub fn merge(&mut self, other: &Self) {
-        for (row, others) in self.rows.iter_mut().zip(&other.rows) {
-            for (sum, other) in row.iter_mut().zip(others) {
-                *sum = sum.plus(*other);
-            }
-        }
-        self.weight += other.weight;
-    }
-
     /// Sum of the weights.
     #[must_use]
     pub fn weight(&self) -> f32 {
@@ -78,11 +68,5 @@ impl Covariance {
     #[must_use]
     pub fn lives(&self, antenna: usize) -> bool {
         self.rows.get(antenna).and_then(|row| row.get(antenna)).is_some_and(|power| power.re > 0.0)
-    }
-
-    /// How many antennas hear anything.
-    #[must_use]
-    pub fn living(&self) -> usize {
-        self.diagonal().filter(|power| *power > 0.0).count()
     }
 }

@@ -114,8 +114,7 @@ impl Beam {
     }
 
     /// Turns the beam over a covariance.
-    #[must_use]
-    pub fn scan_all(&self, covariance: &Covariance) -> Scan {
+    fn scan_all(&self, covariance: &Covariance) -> Scan {
         let mut scan = Scan::default();
         for (power, wave) in scan.powers.iter_mut().zip(&self.table).take(self.directions) {
             *power = covariance.power(wave);
