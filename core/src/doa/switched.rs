@@ -6,22 +6,23 @@
 //!
 //! 1. **Offset.** Visits leave it open which of [`Reader::cells`] offsets it is. For each transmitter the offsets of the last
 //!    [`MEMORY`] packets have a median, from which no packet may be far, and each cell a score: how well a plane wave fits, mean over the packets,
-//!    less how badly the steps inside the slots do.
+//!    less how badly the steps inside the slots do. Cells whose steps fit so badly that no plane wave could make up for it are not tried. While
+//!    one cell leads clearly, packets try no other; when its lead shrinks, all are tried ([`Emitter::searches`]).
 //! 2. **Gate.** A packet whose steps or offset are not those of its transmitter has no clean tone: it has no bearing.
 //! 3. **Direction**: the beam's maximum over the sum of the packets' covariances. It is not valid while another direction fits
 //!    nearly as well, or fewer than two thirds of the packets are clean and unambiguous.
 //! 4. **Sigma**: `floor^2 + noise^2 / K + (misfit / 2)^2`; only the noise is divided by the number of packets.
 //!
-//! Not flown: no benchmark row counts it. `docs/results/radios.md` has what it comes to on the recording.
+//! Not flown: `cargo xtask bench` counts it (`cte_packet`). `docs/results/radios.md` has what it comes to on the recording.
 
 use core::f32::consts::{PI, TAU};
 
 use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
-use crate::base::sort::sort_by_key;
+use crate::base::sort::nth;
 use crate::base::time::Instant;
 use crate::base::units::{nearest, wrap_pi};
-use crate::doa::beam::{Arrival, Beam, Covariance, Peak};
+use crate::doa::beam::{Arrival, Beam, Covariance, Peak, Scan, Vector};
 use crate::doa::bearing::{Bearing, Flags, Quality, SIGMA_USELESS_RAD};
 use crate::signal::phase::Complex;
 use crate::signal::switched::{CELLS_MAX, Outcome, Packet, Reader};
@@ -48,12 +49,17 @@ const STEP_GATE_TURNS: f32 = 0.2;
 const OFFSET_GATE_CELLS: f32 = 0.18;
 /// Packets that make a median.
 const MEDIAN_MIN: usize = 3;
+/// More than any angle is below zero.
+const ABOVE_ZERO: f32 = 4.0;
 /// Another direction is told apart when it leaves this many times the misfit.
 const APART: f32 = 2.0;
 /// And when it is less likely by this: the logarithm of how many times.
-const SURE: f32 = 2.0;
-/// The same of another cell.
-const CELL_SURE: f32 = 3.0;
+const SURE: f32 = 3.0;
+/// By how much a cell must fit better than any other, times the antennas beyond the two that always fit: the fewer there are, the
+/// better a wrong cell fits by chance. Of eight antennas it is 3, of four 9.
+const CELL_SURE: f32 = 18.0;
+/// With a lead of this more the cells are no longer all tried.
+const CELL_LEAD: f32 = 6.0;
 /// A misfit as large as in one of twenty recorded packets is called a reflection: 40 deg, over the degrees of freedom.
 const REFLECTED: f32 = 0.487;
 /// What it does to a bearing, rms.
@@ -98,8 +104,14 @@ pub struct Emitter {
     next: usize,
     /// The median of the offsets; it may leave the cell around zero.
     offset_rad: Option<f32>,
+    /// Of each cell, and over how many packets.
     scores: [f32; CELLS_MAX],
-    scored: f32,
+    scored: [f32; CELLS_MAX],
+    /// The best cell, and how much better it is than any other.
+    cell: usize,
+    lead: f32,
+    packets: u32,
+    searches: u32,
     /// Variance of a phase about a plane wave, as learned of its packets.
     variance: f32,
 }
@@ -113,7 +125,11 @@ impl Default for Emitter {
             next: 0,
             offset_rad: None,
             scores: [0.0; CELLS_MAX],
-            scored: 0.0,
+            scored: [0.0; CELLS_MAX],
+            cell: 0,
+            lead: 0.0,
+            packets: 0,
+            searches: 0,
             variance: MODEL_VARIANCE,
         }
     }
@@ -122,7 +138,12 @@ impl Default for Emitter {
 /// Packets of one transmitter that make one bearing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Group {
+    /// Of the packets before the last one.
     covariance: Covariance,
+    last: Vector,
+    /// The beam's powers over all of them, and the peak if it is one packet.
+    scan: Scan,
+    peak: Option<Peak>,
     noise: f32,
     /// Of the transmitter's phases about a plane wave.
     variance: f32,
@@ -132,20 +153,37 @@ pub struct Group {
     good: usize,
     offset_rad: f32,
     snr_db: f32,
+    /// Most other offsets of a packet that are nearly as likely.
+    open: u8,
 }
 
 impl Group {
     /// Covariance of the antennas over the usable packets.
     #[must_use]
-    pub fn covariance(&self) -> &Covariance {
-        &self.covariance
+    pub fn covariance(&self) -> Covariance {
+        let mut all = self.covariance;
+        if self.clean > 0 {
+            all.add(&self.last, 1.0);
+        }
+        all
+    }
+
+    /// Whether an antenna was heard in any packet.
+    fn lives(&self, antenna: usize) -> bool {
+        self.covariance.lives(antenna) || self.last.get(antenna).is_some_and(|z| z.norm_squared() > 0.0)
     }
 }
 
-/// The offset of a packet, and whether no other is nearly as likely.
+/// The phasors of a packet with its offset, and how many other offsets are nearly as likely.
+#[derive(Default)]
 struct Followed {
+    z: Vector,
+    scan: Scan,
     offset_rad: f32,
-    is_sure: bool,
+    cell: usize,
+    value: f32,
+    /// Other cells that fit nearly as well.
+    open: u8,
 }
 
 /// The configured stage.
@@ -175,28 +213,35 @@ impl Estimator {
             group.damaged += usize::from(packet.outcome == Outcome::Damaged);
             return;
         }
-        let Some(Followed { offset_rad, is_sure }) = self.follow(emitter, &packet) else { return };
-        let z = self.reader.moved(&packet.z, wrap_pi(offset_rad - packet.offset_rad));
-        let mut own = Covariance::default();
-        own.add(&z, 1.0);
-        let Some(peak) = self.beam.find(&own) else { return };
+        let mut followed = Followed::default();
+        if !self.follow(emitter, &packet, &mut followed) {
+            return;
+        }
+        let Some(peak) = self.beam.peak(&followed.scan, &followed.z) else { return };
         group.clean += 1;
         if peak.antennas > 2 {
             let antennas = peak.antennas as f32;
             emitter.variance += (peak.misfit() * antennas / (antennas - 2.0) - emitter.variance) / LEARNING;
         }
         group.variance = emitter.variance;
-        group.good += usize::from(is_sure && self.rivals(&peak, group.variance) == 0);
-        group.covariance.merge(&own);
+        group.good += usize::from(followed.open == 0 && self.rivals(&peak, group.variance) == 0);
+        if group.clean > 1 {
+            group.covariance.add(&group.last, 1.0);
+        }
+        group.last = followed.z;
+        group.open = group.open.max(followed.open);
+        group.scan.add(&followed.scan);
+        group.peak = (group.clean == 1).then_some(peak);
         let share = 1.0 / group.clean as f32;
         group.noise += share * (packet.variance - group.noise);
         group.snr_db += share * (packet.snr_db - group.snr_db);
-        group.offset_rad = offset_rad;
+        group.offset_rad = followed.offset_rad;
     }
 
-    /// The packet's offset, the cell found; `None` when the packet does not sound like its transmitter.
-    fn follow(&self, emitter: &mut Emitter, packet: &Packet) -> Option<Followed> {
-        let cell_rad = TAU / self.reader.cells() as f32;
+    /// The packet with its offset, the cell found; false when the packet does not sound like its transmitter.
+    fn follow(&self, emitter: &mut Emitter, packet: &Packet, best: &mut Followed) -> bool {
+        let cells = self.reader.cells();
+        let cell_rad = TAU / cells as f32;
         let within_cell = |rad: f32| rad - cell_rad * nearest(rad / cell_rad) as f32;
         let slot_samples = self.reader.slot_samples();
         let is_same = |step_rad: f32, median_rad: f32| {
@@ -208,33 +253,68 @@ impl Estimator {
             (Some(own), Some(median)) if emitter.count >= MEDIAN_MIN => is_same(own, median),
             _ => true,
         };
-        let median_rad = emitter.offset_rad(cell_rad, &within_cell);
+        let reach_rad = if emitter.count < MEDIAN_MIN { PI } else { OFFSET_GATE_CELLS * cell_rad };
+        let mut median_rad = emitter.offset_rad(cell_rad, false);
+        if libm::fabsf(within_cell(packet.offset_rad - median_rad)) > reach_rad {
+            median_rad = emitter.offset_rad(cell_rad, true);
+        }
         let away_rad = within_cell(packet.offset_rad - median_rad);
-        let offset_fits = emitter.count < MEDIAN_MIN || libm::fabsf(away_rad) < OFFSET_GATE_CELLS * cell_rad;
-        if !step_fits || !offset_fits {
-            return None;
+        if !step_fits || libm::fabsf(away_rad) > reach_rad {
+            return false;
         }
 
-        // How well a plane wave fits in each cell.
-        let mut fits = [0.0_f32; CELLS_MAX];
-        let offset_of = |cell: usize| median_rad + (cell as f32 - (self.reader.cells() / 2) as f32) * cell_rad;
-        for (cell, fit) in fits.iter_mut().enumerate().take(self.reader.cells()) {
-            let mut covariance = Covariance::default();
-            covariance.add(&self.reader.moved(&packet.z, wrap_pi(offset_of(cell) + away_rad - packet.offset_rad)), 1.0);
-            *fit = self.beam.strongest(&covariance) / MODEL_VARIANCE;
+        // What the steps say against each cell. Offsets a turn of a slot apart are the same.
+        let mut costs = [0.0_f32; CELLS_MAX];
+        let offset_of = |cell: usize| median_rad + (cell as f32 - (cells / 2) as f32) * cell_rad;
+        if let Some(step_rad) = step_rad {
+            let mut off_rad = wrap_pi(step_rad * slot_samples - offset_of(0));
+            for cost in costs.iter_mut().take(cells) {
+                let off = off_rad / (STEP_SIGMA_TURNS * TAU);
+                *cost = 0.5 * off * off;
+                off_rad -= if off_rad - cell_rad < -PI { cell_rad - TAU } else { cell_rad };
+            }
         }
-        emitter.scored = (emitter.scored + 1.0).min(SCORES);
-        let (mut best, mut second) = ((f32::MIN, 0.0), f32::MIN);
-        for (cell, (score, fit)) in emitter.scores.iter_mut().zip(fits).enumerate().take(self.reader.cells()) {
-            *score += (fit - *score) / emitter.scored;
-            let offset_rad = offset_of(cell);
-            // Offsets a turn of a slot apart are the same.
-            let off = step_rad.map_or(0.0, |step| wrap_pi(step * slot_samples - offset_rad) / (STEP_SIGMA_TURNS * TAU));
-            let value = *score - 0.5 * off * off;
-            second = second.max(value.min(best.0));
-            best = if value > best.0 { (value, offset_rad) } else { best };
+        let attempt = |emitter: &mut Emitter, (cell, cost): (usize, f32), tried: &mut Followed| {
+            let offset_rad = offset_of(cell) + away_rad;
+            tried.z = self.reader.moved(&packet.z, nearest((offset_rad - packet.offset_rad) / cell_rad));
+            self.beam.scan(&tried.z, &mut tried.scan);
+            let fit = self.beam.strongest(&tried.scan) / (self.reader.antennas() as f32 * MODEL_VARIANCE);
+            (tried.offset_rad, tried.cell, tried.value) = (offset_rad, cell, emitter.score(cell, fit) - cost);
+        };
+        let sure = CELL_SURE / (self.reader.antennas() as f32 - 2.0).max(1.0);
+        let leads = emitter.lead > sure + CELL_LEAD;
+        emitter.packets = emitter.packets.saturating_add(1);
+        emitter.searches = emitter.searches.saturating_add(u32::from(!leads));
+        let costs = || costs.iter().copied().enumerate().take(cells);
+        let mut first = costs().fold((0, f32::MAX), |least, own| if own.1 < least.1 { own } else { least });
+        if emitter.packets > 1 {
+            first = costs().nth(emitter.cell).unwrap_or(first);
         }
-        Some(Followed { offset_rad: wrap_pi(best.1 + away_rad), is_sure: best.0 - second > CELL_SURE })
+        attempt(emitter, first, best);
+        // No plane wave could fit better than all antennas.
+        let most = self.reader.antennas() as f32 / MODEL_VARIANCE;
+        if !leads {
+            let mut other = Followed::default();
+            for (cell, cost) in costs() {
+                if cell == first.0 || most - cost < best.value - sure - CELL_LEAD {
+                    continue;
+                }
+                attempt(emitter, (cell, cost), &mut other);
+                if other.value > best.value {
+                    core::mem::swap(best, &mut other);
+                }
+            }
+        }
+        best.open = 0;
+        let mut second = f32::MIN;
+        for (cell, cost) in costs().filter(|(cell, _)| *cell != best.cell) {
+            let value = emitter.scored(cell).unwrap_or(most) - cost;
+            second = if value > second { value } else { second };
+            best.open += u8::from(value > best.value - sure);
+        }
+        (emitter.cell, emitter.lead) = (best.cell, best.value - second);
+        best.offset_rad = wrap_pi(best.offset_rad);
+        true
     }
 
     /// The bearing of a group: of all its packets so far.
@@ -248,15 +328,18 @@ impl Estimator {
         if group.clean == 0 || !is_enough(group.clean) {
             return bearing.into();
         }
-        let Some(peak) = self.beam.find(&group.covariance) else { return bearing.into() };
-        for antenna in (0..self.beam.antennas()).filter(|antenna| !group.covariance.lives(*antenna)) {
+        let peak = group.peak.or_else(|| self.beam.peak_of_all(&group.scan, &group.covariance()));
+        let Some(peak) = peak else { return bearing.into() };
+        for antenna in (0..self.beam.antennas()).filter(|antenna| !group.lives(*antenna)) {
             flags = flags.with(Flags::dead(antenna));
         }
         let mirror_rad = self.beam.mirror_rad(peak.azimuth_rad);
         let rivals = self.rivals(&peak, group.variance);
+        let is_sure = is_enough(group.good);
+        let others = rivals.saturating_add(if is_sure { 0 } else { group.open });
         bearing.azimuth_rad = peak.azimuth_rad;
         bearing.sigma_rad = self.sigma_rad(&peak, group);
-        bearing.valid = rivals == 0 && is_enough(group.good) && bearing.sigma_rad < SIGMA_USELESS_RAD;
+        bearing.valid = rivals == 0 && is_sure && bearing.sigma_rad < SIGMA_USELESS_RAD;
         if !bearing.valid || mirror_rad.is_some() {
             flags = flags.with(Flags::AMBIGUOUS);
         }
@@ -265,7 +348,7 @@ impl Estimator {
             bearing.sigma_rad = length(bearing.sigma_rad, REFLECTED_SIGMA_RAD).min(PI);
         }
         bearing.flags = flags;
-        Arrival { bearing, mirror_rad, ambiguities: rivals.saturating_add(u8::from(mirror_rad.is_some())) }
+        Arrival { bearing, mirror_rad, ambiguities: others.saturating_add(u8::from(mirror_rad.is_some())) }
     }
 
     fn sigma_rad(&self, peak: &Peak, group: &Group) -> f32 {
@@ -282,7 +365,12 @@ impl Estimator {
 
     /// How many other directions the antennas cannot tell from the peak.
     fn rivals(&self, peak: &Peak, variance: f32) -> u8 {
-        let margin = 2.0 * SURE * variance.max(LEARNT_MIN) / peak.antennas as f32;
+        // What was learned of so few antennas, at one place, may be too little by chance.
+        let antennas = peak.antennas as f32;
+        let freedom = (antennas - 2.0).max(0.0);
+        let variance =
+            (freedom * variance.max(LEARNT_MIN) + MODEL_ANTENNAS * MODEL_VARIANCE) / (freedom + MODEL_ANTENNAS);
+        let margin = 2.0 * SURE * variance / antennas;
         peak.ambiguities((APART * peak.misfit()).max(peak.misfit() + margin))
     }
 
@@ -308,27 +396,54 @@ impl Emitter {
         median(self.steps_rad, self.count, |step_rad| step_rad)
     }
 
-    /// Moves the median of the offsets on to what it is now, by less than a cell.
-    fn offset_rad(&mut self, cell_rad: f32, within_cell: &impl Fn(f32) -> f32) -> f32 {
-        let offsets = self.offsets_rad.iter().take(self.count);
-        let sum = offsets.fold(Complex::default(), |sum, offset| sum.plus(Complex::at(offset * TAU / cell_rad)));
-        let mean_rad = sum.arg() * cell_rad / TAU;
-        let away_rad = median(self.offsets_rad, self.count, |offset| within_cell(offset - mean_rad));
-        let median_rad = mean_rad + away_rad;
+    /// Moves the median of the offsets on to what it is now, by less than a cell. Without a median before, or where the
+    /// offsets have moved away from it, it is taken about their mean.
+    fn offset_rad(&mut self, cell_rad: f32, moved_away: bool) -> f32 {
+        let within_cell = |rad: f32| rad - cell_rad * nearest(rad / cell_rad) as f32;
+        let middle_rad = self.offset_rad.filter(|_| !moved_away).unwrap_or_else(|| {
+            let offsets = self.offsets_rad.iter().take(self.count);
+            let sum = offsets.fold(Complex::default(), |sum, offset| sum.plus(Complex::at(offset * TAU / cell_rad)));
+            sum.arg() * cell_rad / TAU
+        });
+        let median_rad = middle_rad + median(self.offsets_rad, self.count, |offset| within_cell(offset - middle_rad));
         let before_rad = self.offset_rad.unwrap_or(median_rad);
         let now_rad = before_rad + within_cell(median_rad - before_rad);
         self.offset_rad = Some(now_rad);
         now_rad
     }
+
+    /// How well a cell fits, on average: with one more packet.
+    fn score(&mut self, cell: usize, fit: f32) -> f32 {
+        let (Some(score), Some(count)) = (self.scores.get_mut(cell), self.scored.get_mut(cell)) else { return fit };
+        *count = (*count + 1.0).min(SCORES);
+        *score += (fit - *score) / *count;
+        *score
+    }
+
+    /// The same without one; `None` of a cell that was never tried.
+    fn scored(&self, cell: usize) -> Option<f32> {
+        let (score, count) = self.scores.get(cell).zip(self.scored.get(cell))?;
+        (*count > 0.0).then_some(*score)
+    }
+
+    /// Packets whose offset was looked for.
+    #[must_use]
+    pub fn packets(&self) -> u32 {
+        self.packets
+    }
+
+    /// For how many of them no cell led clearly, so that all that could be were tried.
+    #[must_use]
+    pub fn searches(&self) -> u32 {
+        self.searches
+    }
 }
 
-/// The middle one of the first few values.
+/// The middle one of the first few values, which are angles.
 fn median(values: [f32; MEMORY], count: usize, value: impl Fn(f32) -> f32) -> f32 {
-    let mut sorted = values.map(value);
-    if let Some(used) = sorted.get_mut(..count) {
-        sort_by_key(used, |value| *value);
-    }
-    sorted.get(count / 2).copied().unwrap_or_default()
+    // None may be negative.
+    let mut all = values.map(|own| value(own) + ABOVE_ZERO);
+    nth(all.get_mut(..count).unwrap_or_default(), count / 2).map_or(0.0, |middle| middle - ABOVE_ZERO)
 }
 
 fn length(a: f32, b: f32) -> f32 {
@@ -408,6 +523,23 @@ mod tests {
         assert!(!other.valid && other.flags.contains(Flags::NO_SIGNAL), "{other:?}");
         let same = hear(20.5e3);
         assert!(same.valid && libm::fabsf(same.quality.frequency_hz - 270.5e3) < 200.0, "{same:?}");
+    }
+
+    #[test]
+    fn all_offsets_are_tried_once_and_not_again_while_one_leads() {
+        let (beam, reader) = parts(8, 0.5);
+        let estimator = Config::default().build(beam.clone(), reader).unwrap();
+        let (mut emitter, mut rng) = (Emitter::default(), Rng::new(8, 0));
+        for number in 0..40 {
+            let mut group = Group::default();
+            // It flies past.
+            let azimuth_rad = 0.1 * number as f32 - 2.0;
+            estimator.take(&mut emitter, &mut group, &packet(&beam, azimuth_rad, 14e3, 0.1, &mut rng));
+            let arrival = estimator.bearing(&group, Instant(0));
+            assert!(arrival.bearing.valid && arrival.ambiguities == 0, "{number}: {arrival:?}");
+            assert!(libm::fabsf(wrap_pi(arrival.bearing.azimuth_rad - azimuth_rad)) < 0.05, "{number}: {arrival:?}");
+        }
+        assert_eq!((emitter.packets(), emitter.searches()), (40, 1));
     }
 
     #[test]

@@ -10,7 +10,7 @@
 //!    [`crate::doa::switched`] determines.
 //! 3. **Antenna**: the mean of its visits, rotated back by the offset; outliers get little weight (Cauchy's weights).
 //!
-//! Not flown: no benchmark row counts it.
+//! Not flown: `cargo xtask bench` counts it (`cte_packet`).
 
 use core::f32::consts::{PI, TAU};
 
@@ -36,8 +36,13 @@ const EDGE_WEIGHT: f32 = 0.25;
 const HALF_WEIGHT: f32 = 0.122;
 /// Squared chord within which a visit agrees with its antenna: 30 deg.
 const AGREES: f32 = 0.268;
-/// Steps of the robust mean.
+/// Most steps of the robust mean, and the squared chord below which it has settled: 0.2 deg.
 const ROUNDS: usize = 4;
+const SETTLED: f32 = 1.2e-5;
+/// Visits whose mean has at least this squared length are so close together that it starts there: 10 deg rms.
+const CLOSE: f32 = 0.97;
+/// Newton's steps for the offset.
+const NEWTON: usize = 2;
 /// With random steps from sample to sample, the resultant squared times their number exceeds this once in 8 000
 /// packets.
 const STEP_POWER: f32 = 9.0;
@@ -95,41 +100,57 @@ impl Config {
             check("switch.pattern", f32::from(*antenna), 0.0, self.antennas as f32)?;
         }
         let mut reader = Reader {
-            antenna_of: [None; SLOTS_MAX],
-            first_slot: [0; ANTENNAS_MAX],
+            places: [None; SLOTS_MAX],
+            visits: [Visit { slot: 0, number: 0, weight: 1.0 }; SLOTS_MAX],
+            ends: [0; ANTENNAS_MAX],
             antennas: self.antennas,
             slots,
             samples,
             used: if samples > 2 { samples - samples.div_ceil(LEFT_OUT) } else { samples },
             cells: 0,
-            sample_turn_rad: wrap_pi(TAU * fraction(self.tone_hz / rate_hz)),
-            slot_turn_rad: wrap_pi(TAU * fraction(self.tone_hz * slot_s)),
+            is_regular: true,
+            roots: [Complex::default(); CELLS_MAX],
+            sample_turn: Complex::at(-wrap_pi(TAU * fraction(self.tone_hz / rate_hz))),
+            slot_turn: Complex::at(-wrap_pi(TAU * fraction(self.tone_hz * slot_s))),
             slot_samples: slot_s * rate_hz,
             tone_hz: self.tone_hz,
             slot_s,
         };
-        let mut seen = [None; ANTENNAS_MAX];
-        let named = pattern.iter().cycle();
-        for ((s, slot), antenna) in reader.antenna_of.iter_mut().enumerate().take(slots).zip(named) {
-            let Some(a) = usize::from(*antenna).checked_sub(1) else { continue };
-            *slot = Some(a);
-            let (Some(first), Some(seen)) = (reader.first_slot.get_mut(a), seen.get_mut(a)) else { continue };
-            match *seen {
-                None => *first = s,
-                Some(before) => reader.cells = common_divisor(reader.cells, s - before),
+        let mut listed = 0;
+        for (end, antenna) in reader.ends.iter_mut().zip(1..=self.antennas) {
+            let mut first = None;
+            let named = pattern.iter().cycle().take(slots).enumerate();
+            for (slot, _) in named.filter(|(_, name)| usize::from(**name) == antenna) {
+                let begin = *first.get_or_insert(slot);
+                reader.cells = common_divisor(reader.cells, slot - begin);
+                if let (Some(visit), Some(place)) = (reader.visits.get_mut(listed), reader.places.get_mut(slot)) {
+                    *place = Some((listed as u8, antenna as u8 - 1));
+                    (visit.slot, visit.number) = (slot as u8, (slot - begin) as u8);
+                    visit.weight = if slot == 0 || slot + 1 == slots { EDGE_WEIGHT } else { 1.0 };
+                }
+                listed += 1;
             }
-            *seen = Some(s);
+            if first.is_none() {
+                return refuse("switch.pattern", antenna, "this antenna has no slot in a packet");
+            }
+            *end = listed as u8;
         }
-        if let Some(missing) = seen.iter().take(self.antennas).position(Option::is_none) {
-            let text = "this antenna has no slot in a packet";
-            return refuse("switch.pattern", missing + 1, text);
+        for visit in &mut reader.visits {
+            visit.number /= reader.cells.max(1) as u8;
         }
+        let is_regular = |visits: &[Visit]| visits.iter().zip(0..).all(|(visit, number)| visit.number == number);
+        let all_regular = reader.by_antenna(&reader.visits).all(is_regular);
+        reader.is_regular = all_regular;
         if reader.cells == 0 && samples == 1 {
             let text = "too few: no antenna is visited twice, and slots of one sample have no frequency of their own";
             return refuse("slots", slots, text);
         }
         if reader.cells > CELLS_MAX {
             return refuse("switch.pattern", reader.cells, "slots between two visits of an antenna: more than 32");
+        }
+        let cell_rad = TAU / reader.cells() as f32;
+        for (k, root) in reader.roots.iter_mut().enumerate() {
+            *root = Complex::at(wrap_pi(k as f32 * cell_rad));
         }
         Ok(reader)
     }
@@ -185,12 +206,24 @@ impl Packet {
     }
 }
 
+/// A slot of an antenna.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Visit {
+    slot: u8,
+    /// How many cells after the antenna's first.
+    number: u8,
+    weight: f32,
+}
+
 /// The checked schedule for packets of one size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reader {
-    /// The antenna of each slot, from 0.
-    antenna_of: [Option<usize>; SLOTS_MAX],
-    first_slot: [usize; ANTENNAS_MAX],
+    /// Where a slot is among the visits, and its antenna; `None` for one that is not used.
+    places: [Option<(u8, u8)>; SLOTS_MAX],
+    /// The visits of the first antenna, then those of the second, ...
+    visits: [Visit; SLOTS_MAX],
+    /// Where those of each antenna end.
+    ends: [u8; ANTENNAS_MAX],
     antennas: usize,
     slots: usize,
     samples: usize,
@@ -198,19 +231,49 @@ pub struct Reader {
     used: usize,
     /// Zero if no antenna is visited twice.
     cells: usize,
-    sample_turn_rad: f32,
-    slot_turn_rad: f32,
+    /// The visits of each antenna are one cell apart.
+    is_regular: bool,
+    /// Rotations by multiples of a cell.
+    roots: [Complex; CELLS_MAX],
+    /// What rotates the tone back by a sample, and by a slot.
+    sample_turn: Complex,
+    slot_turn: Complex,
     slot_samples: f32,
     tone_hz: f32,
     slot_s: f32,
 }
 
 /// The rotation of the phase from sample to sample beyond the tone.
+#[derive(Default)]
 struct Steps {
     sum: Complex,
-    /// Length of the sum relative to that of equal steps; their number.
-    resultant: f32,
+    /// Length of the sum if all steps were equal; their number.
+    most: f32,
     count: f32,
+}
+
+impl Steps {
+    fn add(&mut self, samples: &[Complex]) {
+        for (before, sample) in samples.iter().zip(samples.iter().skip(1)) {
+            let step = sample.times_conj(*before);
+            self.sum = self.sum.plus(step);
+            self.most += sqrt(step.norm_squared());
+            self.count += 1.0;
+        }
+    }
+
+    /// Length of the sum relative to that of equal steps.
+    fn resultant(&self) -> f32 {
+        if self.most > 0.0 { sqrt(self.sum.norm_squared()) / self.most } else { 0.0 }
+    }
+}
+
+/// What was heard.
+struct Heard {
+    /// The direction of each visit, of length one.
+    units: [Complex; SLOTS_MAX],
+    /// Sum of the powers of each antenna's visits.
+    powers: [f32; ANTENNAS_MAX],
 }
 
 impl Reader {
@@ -226,12 +289,16 @@ impl Reader {
         self.cells.max(1)
     }
 
-    /// The phasors of the antennas with an offset larger by this, a multiple of the cell.
+    /// The phasors of the antennas with an offset larger by so many cells.
     #[must_use]
-    pub fn moved(&self, z: &[Complex; ANTENNAS_MAX], offset_rad: f32) -> [Complex; ANTENNAS_MAX] {
+    pub fn moved(&self, z: &[Complex; ANTENNAS_MAX], cells: i32) -> [Complex; ANTENNAS_MAX] {
         let mut moved = *z;
-        for (z, first) in moved.iter_mut().zip(self.first_slot) {
-            *z = z.times(Complex::at(-wrap_pi(offset_rad * first as f32)));
+        let all = self.cells() as i32;
+        for (z, visits) in moved.iter_mut().zip(self.by_antenna(&self.visits)) {
+            let first = visits.first().map_or(0, |first| i32::from(first.slot));
+            let back = first.wrapping_mul(cells).checked_rem_euclid(all).unwrap_or_default();
+            let turn = self.roots.get(back as usize).copied().unwrap_or_default();
+            *z = z.times_conj(turn);
         }
         moved
     }
@@ -248,156 +315,157 @@ impl Reader {
         self.tone_hz + offset_rad / (TAU * self.slot_s)
     }
 
+    /// The part of each antenna.
+    fn by_antenna<'a, T>(&'a self, all: &'a [T]) -> impl Iterator<Item = &'a [T]> {
+        let mut begin = 0;
+        self.ends.iter().take(self.antennas).map(move |end| {
+            let end = usize::from(*end);
+            let part = all.get(begin..end).unwrap_or_default();
+            begin = end;
+            part
+        })
+    }
+
     /// Reads the samples of a packet, slot after slot, and those of the reference period before it, if there are any: of one
     /// antenna, at the rate of the samples. They tell the tone's frequency where slots have one sample.
     #[must_use]
     pub fn read(&self, reference: &[Complex], packet: &[Complex]) -> Packet {
-        let is_number = |x: &Complex| x.re.is_finite() && x.im.is_finite() && x.norm_squared() < 1e30;
-        let finite = packet.iter().chain(reference).all(is_number);
-        if !finite || packet.len() != self.slots * self.samples {
+        // Of a sample that is no number the sum is none, either.
+        let power_of = |samples: &[Complex]| samples.iter().map(|sample| sample.norm_squared()).sum::<f32>();
+        let power = power_of(packet) + power_of(reference);
+        if !(power < 1e30) || packet.len() != self.slots * self.samples {
             return Packet::without(Outcome::Damaged);
         }
         let has_reference = reference.len() > 1;
-        let steps = if has_reference { self.reference_steps(reference) } else { self.steps(packet) };
-        let step_rad = (has_reference || self.samples > 1).then(|| steps.sum.arg());
-        if step_rad.is_some() {
+        let mut steps = Steps::default();
+        if has_reference {
+            steps.add(reference);
+        }
+        let mut heard = Heard { units: [Complex::default(); SLOTS_MAX], powers: [0.0; ANTENNAS_MAX] };
+        self.hear(&mut heard, packet, (!has_reference).then_some(&mut steps));
+        let resultant = steps.resultant();
+        let step_rad = (has_reference || self.samples > 1).then(|| steps.sum.times(self.sample_turn).arg());
+        if let Some(step_rad) = step_rad {
             let power = if has_reference { REFERENCE_POWER } else { STEP_POWER };
-            let is_tone = steps.resultant > STEP_RESULTANT
-                && steps.resultant * steps.resultant * steps.count > power
-                && libm::fabsf(steps.sum.arg()) * self.slot_samples < PI;
+            let is_tone = resultant > STEP_RESULTANT
+                && resultant * resultant * steps.count > power
+                && libm::fabsf(step_rad) * self.slot_samples < PI;
             if !is_tone {
                 return Packet::without(Outcome::NoTone);
             }
         }
-        let mut slots = self.slot_means(packet);
-        let offset_rad = if self.cells == 0 { steps.sum.arg() * self.slot_samples } else { self.offset(&slots) };
-        for (s, slot) in slots.iter_mut().enumerate().take(self.slots) {
-            *slot = slot.times(Complex::at(-wrap_pi(offset_rad * s as f32)));
-        }
-        self.antenna_means(&slots, &steps, offset_rad, step_rad)
-    }
-
-    /// The steps between the samples that are used.
-    fn steps(&self, packet: &[Complex]) -> Steps {
-        let (mut sum, mut most, mut count) = (Complex::default(), 0.0, 0.0);
-        for (slot, antenna) in packet.chunks_exact(self.samples.max(1)).zip(&self.antenna_of) {
-            let used = slot.get(..self.used).unwrap_or_default();
-            for (before, sample) in used.iter().zip(used.iter().skip(1)).filter(|_| antenna.is_some()) {
-                let step = sample.times_conj(*before);
-                (sum, most, count) = (sum.plus(step), most + sqrt(step.norm_squared()), count + 1.0);
+        let offset_rad =
+            if self.cells == 0 { step_rad.unwrap_or_default() * self.slot_samples } else { self.offset(&heard.units) };
+        // Rotated back by the offset.
+        let step = Complex::at(-offset_rad);
+        let mut turn = Complex { re: 1.0, im: 0.0 };
+        for place in self.places.iter().take(self.slots) {
+            if let Some(unit) = place.and_then(|(place, _)| heard.units.get_mut(usize::from(place))) {
+                *unit = unit.times(turn);
             }
+            turn = turn.times(step);
         }
-        let resultant = if most > 0.0 { sqrt(sum.norm_squared()) / most } else { 0.0 };
-        Steps { sum: sum.times(Complex::at(-self.sample_turn_rad)), resultant, count }
+        let packet = Packet { offset_rad, step_rad, ..Packet::without(Outcome::NoTone) };
+        self.antenna_means(&heard, resultant, packet)
     }
 
-    /// The steps of the reference period.
-    fn reference_steps(&self, reference: &[Complex]) -> Steps {
-        let (mut sum, mut most, mut count) = (Complex::default(), 0.0, 0.0);
-        for (before, sample) in reference.iter().zip(reference.iter().skip(1)) {
-            let step = sample.times_conj(*before);
-            (sum, most, count) = (sum.plus(step), most + sqrt(step.norm_squared()), count + 1.0);
-        }
-        let resultant = if most > 0.0 { sqrt(sum.norm_squared()) / most } else { 0.0 };
-        Steps { sum: sum.times(Complex::at(-self.sample_turn_rad)), resultant, count }
-    }
-
-    /// The mean of each slot, rotated back by the tone; zero for an unused one.
-    fn slot_means(&self, packet: &[Complex]) -> [Complex; SLOTS_MAX] {
-        let mut slots = [Complex::default(); SLOTS_MAX];
+    /// The mean of each slot, rotated back by the tone; the steps between the samples that are used go into a sum.
+    fn hear(&self, heard: &mut Heard, packet: &[Complex], mut steps: Option<&mut Steps>) {
         let share = 1.0 / self.used as f32;
-        let packet = packet.chunks_exact(self.samples.max(1));
-        for (s, ((mean, samples), antenna)) in slots.iter_mut().zip(packet).zip(&self.antenna_of).enumerate() {
-            if antenna.is_none() {
-                continue;
+        let mut turn = Complex { re: share, im: 0.0 };
+        for (place, samples) in self.places.iter().zip(packet.chunks_exact(self.samples.max(1))) {
+            let own_turn = turn;
+            turn = turn.times(self.slot_turn);
+            let Some((place, antenna)) = *place else { continue };
+            let used = samples.get(..self.used).unwrap_or_default();
+            if let Some(steps) = &mut steps {
+                steps.add(used);
             }
-            let begin_rad = self.slot_turn_rad * s as f32;
-            for (k, sample) in samples.iter().enumerate().take(self.used) {
-                let turn_rad = wrap_pi(begin_rad + self.sample_turn_rad * k as f32);
-                *mean = mean.plus(sample.times(Complex::at(-turn_rad)).scaled(share));
+            let back = |sum: Complex, sample: &Complex| sum.times(self.sample_turn).plus(*sample);
+            let (Some(last), before) = (used.last(), used.iter().rev().skip(1)) else { continue };
+            let mean = before.fold(*last, back).times(own_turn);
+            let own = mean.norm_squared();
+            if let (Some(unit), Some(power)) =
+                (heard.units.get_mut(usize::from(place)), heard.powers.get_mut(usize::from(antenna)))
+                && own > 0.0
+            {
+                *unit = mean.scaled(1.0 / sqrt(own));
+                *power += own;
             }
         }
-        slots
     }
 
     /// The offset with the best agreement of the visits of each antenna, within half a cell of zero.
-    fn offset(&self, slots: &[Complex; SLOTS_MAX]) -> f32 {
+    fn offset(&self, units: &[Complex; SLOTS_MAX]) -> f32 {
         // Sums over pairs of visits by their distance in cells: the maximum of their spectrum is that of the sums of the
         // visits' squared magnitudes.
         let mut lags = [Complex::default(); SLOTS_MAX];
         let mut longest = 0;
-        let units = slots.iter().map(|slot| slot.unit()).zip(&self.antenna_of).take(self.slots);
-        for (s, (slot, antenna)) in units.clone().enumerate() {
-            for (lag, sum) in (1..).zip(lags.iter_mut()) {
-                let Some((later, its)) = units.clone().nth(s + lag * self.cells) else { break };
-                if antenna.is_some() && its == antenna {
-                    *sum = sum.plus(later.times_conj(slot));
-                    longest = longest.max(lag);
+        for (units, visits) in self.by_antenna(units).zip(self.by_antenna(&self.visits)) {
+            for apart in 1..units.len() {
+                let pairs = units.iter().zip(units.iter().skip(apart)).map(|(before, unit)| unit.times_conj(*before));
+                let (last, mut sum) = (visits.get(apart), Complex::default());
+                if self.is_regular {
+                    sum = pairs.fold(sum, Complex::plus);
+                } else {
+                    let numbers = visits.iter().zip(visits.iter().skip(apart));
+                    for (pair, (from, to)) in pairs.zip(numbers) {
+                        if let Some(lag) = lags.get_mut(usize::from(to.number - from.number)) {
+                            *lag = lag.plus(pair);
+                        }
+                    }
+                }
+                if let Some((lag, last)) = lags.get_mut(apart).zip(last) {
+                    *lag = lag.plus(sum);
+                    longest = longest.max(usize::from(last.number));
                 }
             }
         }
-        let cell_rad = TAU / self.cells() as f32;
-        let score = |part: f32| {
-            let lags = lags.iter().take(longest).zip(1..);
-            lags.map(|(sum, lag)| sum.times(Complex::at(-wrap_pi(TAU * part * lag as f32))).re).sum::<f32>()
-        };
+        let lags = lags.get(1..=longest).unwrap_or_default();
         let parts = 4 * (longest + 1);
-        let mut best = (f32::MIN, 0.0_f32);
+        let part_rad = TAU / parts as f32;
+        let step = Complex::at(-part_rad);
+        let (mut turn, mut best) = (Complex { re: 1.0, im: 0.0 }, (f32::MIN, 0));
         for k in 0..parts {
-            let part = k as f32 / parts as f32;
-            let value = score(part);
-            best = if value > best.0 { (value, part) } else { best };
+            let score = lags.iter().rev().fold(Complex::default(), |sum, lag| sum.plus(*lag).times(turn)).re;
+            best = if score > best.0 { (score, k) } else { best };
+            turn = turn.times(step);
         }
-        let mut part = best.1;
-        // Twice a parabola through three points, the second time a tenth as far apart.
-        for reach in [0.5 / parts as f32, 0.05 / parts as f32] {
-            part += reach * vertex(score(part - reach), score(part), score(part + reach));
+        // Newton's steps, of a tenth of a period of the fastest part at most.
+        let mut lag_rad = best.1 as f32 * part_rad;
+        for _ in 0..NEWTON {
+            let step = Complex::at(-wrap_pi(lag_rad));
+            let (mut turn, mut slope, mut bend, mut order) = (step, 0.0, 0.0, 1.0);
+            for lag in lags {
+                let own = lag.times(turn);
+                slope += order * own.im;
+                bend -= order * order * own.re;
+                turn = turn.times(step);
+                order += 1.0;
+            }
+            if bend < 0.0 {
+                lag_rad -= between(slope / bend, -0.5 * part_rad, 0.5 * part_rad);
+            }
         }
-        cell_rad * fraction(part)
+        TAU / self.cells() as f32 * fraction(lag_rad / TAU)
     }
 
     /// The robust mean of each antenna's visits.
-    fn antenna_means(
-        &self,
-        slots: &[Complex; SLOTS_MAX],
-        steps: &Steps,
-        offset_rad: f32,
-        step_rad: Option<f32>,
-    ) -> Packet {
+    fn antenna_means(&self, heard: &Heard, resultant: f32, packet: Packet) -> Packet {
         let mut z = [Complex::default(); ANTENNAS_MAX];
         let mut powers = [0.0_f32; ANTENNAS_MAX];
-        let (mut visits, mut agreeing, mut scatter, mut freedom) = (0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
-        for (a, (z, power)) in z.iter_mut().zip(powers.iter_mut()).enumerate().take(self.antennas) {
-            let its = || {
-                let slots = slots.iter().zip(&self.antenna_of).take(self.slots).enumerate();
-                slots.filter(move |(_, (_, antenna))| **antenna == Some(a)).map(|(s, (slot, _))| {
-                    let is_edge = s == 0 || s + 1 == self.slots;
-                    (slot.unit(), if is_edge { EDGE_WEIGHT } else { 1.0 }, slot.norm_squared())
-                })
-            };
-            // Starts at the visit that is closest to most others.
-            let mut mean = Complex::default();
-            let mut most = 0.0;
-            for (candidate, _, _) in its() {
-                let support = its().map(|(visit, weight, _)| weight * nearness(visit, candidate)).sum::<f32>();
-                if support > most {
-                    (most, mean) = (support, candidate);
-                }
-            }
-            for _ in 0..ROUNDS {
-                let weighted = |(visit, weight, _): (Complex, f32, f32)| visit.scaled(weight * nearness(visit, mean));
-                mean = its().map(weighted).fold(Complex::default(), Complex::plus).unit();
-            }
-            let count = its().count() as f32;
-            for (visit, _, own) in its() {
-                let away = chord_squared(visit, mean);
+        let (mut visits, mut agreeing, mut scatter) = (0.0_f32, 0.0_f32, 0.0_f32);
+        let parts = self.by_antenna(&heard.units).zip(self.by_antenna(&self.visits));
+        for (((z, power), sum), (units, its)) in z.iter_mut().zip(&mut powers).zip(heard.powers).zip(parts) {
+            *z = robust_mean(units, its);
+            for unit in units {
+                let away = chord_squared(*unit, *z);
                 agreeing += if away < AGREES { 1.0 } else { 0.0 };
-                scatter += away.min(AGREES);
-                *power += own / count;
+                scatter += if away < AGREES { away } else { AGREES };
             }
+            let count = units.len() as f32;
+            *power = sum / count;
             visits += count;
-            freedom += count - 1.0;
-            *z = mean;
         }
         let strongest = powers.iter().copied().fold(0.0_f32, f32::max);
         for (z, power) in z.iter_mut().zip(powers) {
@@ -405,24 +473,48 @@ impl Reader {
                 *z = Complex::default();
             }
         }
-        let used = self.used as f32;
+        let (used, antennas) = (self.used as f32, self.antennas as f32);
         // With one visit each, the scatter of the steps inside the slots: by two samples' noise.
-        let variance = if freedom > 0.0 { scatter / freedom } else { (1.0 - steps.resultant) / used } + 1e-7;
+        let variance = if visits > antennas { scatter / (visits - antennas) } else { (1.0 - resultant) / used } + 1e-7;
         let snr_db = (-10.0 * libm::log10f(2.0 * used * variance)).min(SNR_CEILING_DB);
         let outcome = if agreeing > AGREEMENT_MIN * visits { Outcome::Tone } else { Outcome::NoTone };
-        Packet { outcome, z, offset_rad, step_rad, variance: variance * self.antennas as f32 / visits, snr_db }
+        Packet { outcome, z, variance: variance * antennas / visits, snr_db, ..packet }
     }
 }
 
-/// The vertex of the parabola through three points, one apart, relative to the middle one; at most one away.
-fn vertex(before: f32, here: f32, behind: f32) -> f32 {
-    let bend = before - 2.0 * here + behind;
-    if bend < 0.0 { between(0.5 * (before - behind) / bend, -1.0, 1.0) } else { 0.0 }
+/// The robust mean of an antenna's visits, of length one.
+fn robust_mean(units: &[Complex], visits: &[Visit]) -> Complex {
+    let visits = || units.iter().zip(visits).map(|(unit, visit)| (*unit, visit.weight));
+    let (mut sum, mut weights) = (Complex::default(), 0.0);
+    for (unit, weight) in visits() {
+        (sum, weights) = (sum.plus(unit.scaled(weight)), weights + weight);
+    }
+    let mut mean = sum.unit();
+    if sum.norm_squared() < CLOSE * weights * weights {
+        // Starts at the visit that is closest to most others.
+        let mut most = 0.0;
+        for (candidate, _) in visits() {
+            let support = visits().map(|(unit, weight)| weight * nearness(unit, candidate)).sum::<f32>();
+            if support > most {
+                (most, mean) = (support, candidate);
+            }
+        }
+    }
+    for _ in 0..ROUNDS {
+        let before = mean;
+        let weighted = |(unit, weight): (Complex, f32)| unit.scaled(weight * nearness(unit, before));
+        mean = visits().map(weighted).fold(Complex::default(), Complex::plus).unit();
+        if chord_squared(mean, before) < SETTLED {
+            break;
+        }
+    }
+    mean
 }
 
 /// Squared distance of two numbers of length one: the square of a small angle between them.
 fn chord_squared(a: Complex, b: Complex) -> f32 {
-    (2.0 - 2.0 * a.times_conj(b).re).max(0.0)
+    let chord = 2.0 - 2.0 * a.times_conj(b).re;
+    if chord > 0.0 { chord } else { 0.0 }
 }
 
 /// Cauchy's weight.
@@ -431,110 +523,4 @@ fn nearness(a: Complex, b: Complex) -> f32 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::base::rng::Rng;
-    use std::vec::Vec;
-
-    fn config(pattern: &[u8]) -> Config {
-        let mut slots = [0; SLOTS_MAX];
-        slots[..pattern.len()].copy_from_slice(pattern);
-        let antennas = usize::from(*pattern.iter().max().unwrap());
-        Config {
-            antennas,
-            sample_rate_hz: 2e6,
-            tone_hz: 250e3,
-            slot_s: 4e-6,
-            pattern: slots,
-            pattern_slots: pattern.len(),
-        }
-    }
-
-    /// A packet of antennas with these phases.
-    fn packet(config: &Config, phases: &[f32], offset_hz: f32, noise: f32, rng: &mut Rng) -> Vec<Complex> {
-        let mut samples = Vec::new();
-        for slot in 0..37 {
-            let antenna = config.pattern[slot % config.pattern_slots];
-            for k in 0..3 {
-                let time_s = slot as f32 * config.slot_s + k as f32 / config.sample_rate_hz;
-                let phase = 0.4 + TAU * fraction((config.tone_hz + offset_hz) * time_s);
-                let phase = phase + antenna.checked_sub(1).map_or(0.0, |a| phases[usize::from(a)]);
-                let z = Complex::at(wrap_pi(phase));
-                samples.push(Complex { re: z.re + noise * rng.gaussian(), im: z.im + noise * rng.gaussian() });
-            }
-        }
-        samples
-    }
-
-    #[test]
-    fn antennas_have_their_phases_whatever_the_offset_and_the_pattern() {
-        let phases = [0.0, 1.0, -2.0, 0.5];
-        let mut rng = Rng::new(1, 0);
-        for pattern in [&[1, 2, 3, 4][..], &[1, 2, 1, 3, 1, 4], &[1, 1, 2, 2, 3, 3, 4, 4], &[4, 0, 3, 0, 2, 0, 1, 0]] {
-            let config = config(pattern);
-            let reader = config.build(37, 3).unwrap();
-            for offset_hz in [0.0, 9_000.0, -41_000.0, 80_000.0] {
-                let read = reader.read(&[], &packet(&config, &phases, offset_hz, 0.03, &mut rng));
-                assert_eq!(read.outcome, Outcome::Tone);
-                // The offset is known but for the cell.
-                let offset_rad = TAU * offset_hz * config.slot_s;
-                let cells = wrap_pi((offset_rad - read.offset_rad) * reader.cells() as f32);
-                assert!(libm::fabsf(cells) < 0.1, "{pattern:?} {offset_hz}: {cells}");
-                let z = reader.moved(&read.z, offset_rad - read.offset_rad);
-                for (own, phase) in z.iter().zip(phases) {
-                    let off = wrap_pi(own.times_conj(z[0]).arg() - phase);
-                    assert!(libm::fabsf(off) < 0.1, "{pattern:?} {offset_hz}: {off}");
-                }
-                assert!((20.0..36.0).contains(&read.snr_db), "{}", read.snr_db);
-            }
-        }
-    }
-
-    #[test]
-    fn noise_gaps_and_damage_are_named() {
-        let config = config(&[1, 2, 3, 4]);
-        let reader = config.build(37, 3).unwrap();
-        let mut rng = Rng::new(2, 0);
-        for _ in 0..500 {
-            let noise: Vec<Complex> = (0..111).map(|_| Complex { re: rng.gaussian(), im: rng.gaussian() }).collect();
-            assert_eq!(reader.read(&[], &noise).outcome, Outcome::NoTone);
-        }
-        assert_eq!(reader.read(&[], &[Complex::default(); 111]).outcome, Outcome::NoTone);
-        let mut good = packet(&config, &[0.0; 4], 0.0, 0.0, &mut rng);
-        assert_eq!(reader.read(&[], &good[1..]).outcome, Outcome::Damaged);
-        good[50].im = f32::NAN;
-        assert_eq!(reader.read(&[], &good).outcome, Outcome::Damaged);
-    }
-
-    #[test]
-    fn a_visit_that_is_off_and_a_dead_antenna_do_not_turn_the_others() {
-        let config = config(&[1, 2, 3, 4]);
-        let reader = config.build(37, 3).unwrap();
-        let mut rng = Rng::new(3, 0);
-        let mut samples = packet(&config, &[0.0, 1.0, -2.0, 0.5], 0.0, 0.01, &mut rng);
-        for sample in &mut samples[3 * 13..3 * 14] {
-            *sample = sample.times(Complex::at(2.5));
-        }
-        for sample in samples.chunks_exact_mut(3).skip(2).step_by(4).flatten() {
-            *sample = sample.scaled(0.01);
-        }
-        let read = reader.read(&[], &samples);
-        assert_eq!((read.outcome, read.z[2]), (Outcome::Tone, Complex::default()));
-        assert!(libm::fabsf(read.z[1].times_conj(read.z[0]).arg() - 1.0) < 0.03, "{:?}", read.z);
-    }
-
-    #[test]
-    fn a_schedule_is_refused_by_name() {
-        let good = config(&[1, 2, 3, 4]);
-        let refused = |config: Config, slots, samples| config.build(slots, samples).unwrap_err().field;
-        assert_eq!(refused(Config { antennas: 1, ..good }, 37, 3), "antennas_m");
-        assert_eq!(refused(Config { antennas: 5, ..good }, 37, 3), "switch.pattern");
-        assert_eq!(refused(Config { antennas: 3, ..good }, 37, 3), "switch.pattern");
-        assert_eq!(refused(Config { tone_hz: 1.1e6, ..good }, 37, 3), "tone_hz");
-        assert_eq!(refused(Config { slot_s: f32::NAN, ..good }, 37, 3), "switch.slot_s");
-        assert_eq!(refused(good, 3, 3), "switch.pattern");
-        assert_eq!(refused(good, 4, 1), "slots");
-        assert_eq!(refused(good, 161, 3), "slots");
-        assert_eq!(refused(good, 37, 65), "samples");
-    }
-}
+mod tests;

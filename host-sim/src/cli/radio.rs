@@ -27,7 +27,7 @@ pub(super) struct RadioArgs {
     /// Description of its array, as for `foxhound bearing`, if it sends samples.
     #[arg(long, value_name = "FILE")]
     array: Option<PathBuf>,
-    /// The wanted transmitter: frequency in Hz (kraken), handle (hci), address (uudf, 0x...) [default: any].
+    /// The wanted transmitter: frequency in Hz (kraken), address (hci, uudf), handle (hci) [default: any].
     #[arg(long, value_name = "ID", value_parser = identity)]
     emitter: Option<u64>,
     /// Direction of the array's zero, clockwise from the nose.
@@ -47,13 +47,18 @@ pub(super) struct RadioArgs {
     bearing_age: f64,
 }
 
-/// A number, decimal or hexadecimal after 0x.
+/// A number, decimal or hexadecimal after 0x, or an address of six octets with colons between them.
 fn identity(text: &str) -> Result<u64, String> {
+    let octets: Vec<&str> = text.split(':').collect();
+    let is_octet = |octet: &&str| octet.len() == 2 && octet.bytes().all(|digit| digit.is_ascii_hexdigit());
     let number = match text.strip_prefix("0x") {
         Some(digits) => u64::from_str_radix(digits, 16),
+        None if octets.len() == 6 && octets.iter().all(is_octet) => u64::from_str_radix(&octets.concat(), 16),
         None => text.parse(),
     };
-    number.map_err(|_| "expected a whole number, or 0x and hexadecimal digits".to_owned())
+    number.map_err(|_| {
+        "expected a whole number, 0x and hexadecimal digits, or an address like 6C:1D:EB:A4:18:45".to_owned()
+    })
 }
 
 impl RadioArgs {
@@ -109,5 +114,22 @@ impl Bearings for Radio {
             warn(&format!("radio: {}", self.shown));
         }
         bearing
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::identity;
+
+    #[test]
+    fn a_transmitter_is_a_number_or_an_address() {
+        for (text, number) in
+            [("433920000", 433_920_000), ("0x6c1deba41845", 0x6C1D_EBA4_1845), ("6C:1D:EB:A4:18:45", 0x6C1D_EBA4_1845)]
+        {
+            assert_eq!(identity(text), Ok(number));
+        }
+        for wrong in ["", "-1", "0x", "6C:1D:EB:A4:18", "6C:1D:EB:A4:18:4", "6C:1D:EB:A4:18:+5", "6C-1D-EB-A4-18-45"] {
+            assert!(identity(wrong).is_err(), "{wrong}");
+        }
     }
 }

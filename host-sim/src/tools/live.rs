@@ -102,7 +102,7 @@ impl fmt::Display for Source {
 pub struct Options {
     /// The array, for sources that send samples.
     pub array: Option<RadioArray>,
-    /// The wanted transmitter, for sources that tell transmitters apart: handle, address or frequency in Hz.
+    /// The wanted transmitter, for sources that tell transmitters apart: address, frequency in Hz, or a Bluetooth handle (up to 0x0FFF).
     pub emitter: Option<u64>,
     /// Direction of the array's zero, clockwise from the nose.
     pub mount_rad: f32,

@@ -165,7 +165,7 @@ pub(super) fn find_with_eigenvalues(
 ) -> Result<(Vec<ArrayLine>, Vec<Vec<f64>>), InputError> {
     let mut all = Vec::new();
     let (lines, _) =
-        find_watched(packets, array, looks, |group| all.push(eigen::values(group.covariance(), array.beam.count)))?;
+        find_watched(packets, array, looks, |group| all.push(eigen::values(&group.covariance(), array.beam.count)))?;
     Ok((lines, all))
 }
 

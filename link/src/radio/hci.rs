@@ -3,6 +3,9 @@
 //! Bluetooth Core Specification, Vol 4: part A for the H4 framing of a serial line, part E 7.7.65.21 and 22 for the events. The
 //! first eight samples are the reference period, 1 us apart, all from one antenna. Then each sample slot gives one sample, two slot
 //! durations after the last, from the next antenna of the switching pattern. A report with an invalid field is not used.
+//!
+//! Reports name their transmitter by a handle. Which address it has is said once, when the controller synchronises with the train
+//! (0x0E, 0x24) or connects (0x01, 0x0A, 0x29): [`Reader::address`].
 
 use heapless::Vec;
 
@@ -20,6 +23,11 @@ const NO_SAMPLE: i8 = i8::MIN;
 const LE_META: u8 = 0x3E;
 const CONNECTIONLESS: u8 = 0x15;
 const CONNECTION: u8 = 0x16;
+/// Events that end what a handle is for: Disconnection Complete, and the LE meta event Periodic Advertising Sync Lost.
+const DISCONNECTION: u8 = 0x05;
+const SYNC_LOST: u8 = 0x10;
+/// Most handles whose addresses are kept at a time; the oldest gives way.
+const HANDLES_MAX: usize = 32;
 
 /// How the packet was sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -208,6 +216,42 @@ pub fn report(event: &[u8]) -> Result<Option<IqReport>, Refused> {
     Ok(Some(IqReport { link, handle, channel, rssi_ddbm, cte, slot_us, status, counter, samples }))
 }
 
+/// The addresses of the transmitters that have a handle.
+#[derive(Clone, Debug, Default)]
+struct Handles(Vec<(Link, u16, u64), HANDLES_MAX>);
+
+impl Handles {
+    /// Takes note of an event; most say nothing of a handle.
+    fn note(&mut self, event: &[u8]) {
+        let word = |at: usize| Some(u16::from_le_bytes([*event.get(at)?, *event.get(at.checked_add(1)?)?]));
+        match *event {
+            // Status 0: it has ended, or begun. Then the handle; behind it role or set, kind of address, address.
+            [DISCONNECTION, _, 0, ..] => self.forget(Link::Connection, word(3)),
+            [LE_META, _, SYNC_LOST, ..] => self.forget(Link::Advertising, word(3)),
+            [LE_META, _, sub, 0, _, _, _, _, a, b, c, d, e, f, ..] => {
+                let link = match sub {
+                    0x0E | 0x24 => Link::Advertising,
+                    0x01 | 0x0A | 0x29 => Link::Connection,
+                    _ => return,
+                };
+                self.forget(link, word(4));
+                if let Some(handle) = word(4) {
+                    if self.0.is_full() {
+                        self.0.remove(0);
+                    }
+                    // Cannot fail: there is a free place.
+                    let _ = self.0.push((link, handle, u64::from_le_bytes([a, b, c, d, e, f, 0, 0])));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn forget(&mut self, link: Link, handle: Option<u16>) {
+        self.0.retain(|(own_link, own, _)| *own_link != link || Some(*own) != handle);
+    }
+}
+
 /// What was received.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
@@ -250,6 +294,7 @@ pub struct Reader {
     event: Vec<u8, EVENT_MAX>,
     length: u16,
     counters: Counters,
+    handles: Handles,
 }
 
 impl Default for Reader {
@@ -267,7 +312,18 @@ impl Reader {
             event: Vec::new(),
             length: 0,
             counters: Counters { events: 0, reports: 0, refused: 0, skipped: 0 },
+            handles: Handles(Vec::new()),
         }
+    }
+
+    /// Address of the transmitter of a report, its first octet the highest of 48 bits; `None` when the controller has not said
+    /// which one has this handle.
+    #[must_use]
+    pub fn address(&self, report: &IqReport) -> Option<u64> {
+        let mut handles = self.handles.0.iter();
+        handles
+            .find(|(link, handle, _)| (*link, *handle) == (report.link, report.handle))
+            .map(|(_, _, address)| *address)
     }
 
     /// The counters.
@@ -325,6 +381,7 @@ impl Reader {
                 }
                 self.within = Within::Type;
                 self.counters.events = self.counters.events.saturating_add(1);
+                self.handles.note(&self.event);
                 let found = report(&self.event).transpose();
                 match &found {
                     Some(Ok(_)) => self.counters.reports = self.counters.reports.saturating_add(1),
@@ -411,6 +468,48 @@ mod tests {
             assert_eq!(report(&wrong).unwrap_err().field, field, "byte {at} = {value}");
         }
         assert!(report(&[]).is_err() && report(&[0x3E]).is_err());
+    }
+
+    #[test]
+    fn a_handle_has_the_address_that_the_controller_says_until_it_ends() {
+        let mut reader = Reader::new();
+        let mut take = |event: &[u8]| {
+            let found = core::iter::once(&4).chain(event).filter_map(|byte| reader.push(*byte)).last();
+            found.and_then(|report| reader.address(&report.unwrap()))
+        };
+        // By the tables of Vol 4, part E, 7.7.65.14, 7.7.65.1 and 7.7.65.16, and 7.7.5.
+        let synchronised = [0x3E, 16, 0x0E, 0, 0x34, 0x02, 3, 1, 0x45, 0x18, 0xA4, 0xEB, 0x1D, 0x6C, 1, 80, 0, 0];
+        let mut connected = [0x3E, 19, 0x01, 0, 0x34, 0x02, 0, 1, 6, 5, 4, 3, 2, 1, 0, 0, 0, 0, 0, 0, 0];
+        let mut connection = event(9);
+        connection[1] += 1;
+        connection[2] = 0x16;
+        connection.insert(5, 1);
+        assert_eq!(take(&event(45)), None);
+        take(&synchronised);
+        assert_eq!(take(&event(45)), Some(0x6C1D_EBA4_1845));
+        assert_eq!(take(&connection), None, "a connection has handles of its own");
+        take(&connected);
+        assert_eq!((take(&connection), take(&event(45))), (Some(0x0102_0304_0506), Some(0x6C1D_EBA4_1845)));
+        connected[8] = 7;
+        take(&connected);
+        assert_eq!(take(&connection), Some(0x0102_0304_0507));
+        take(&[0x05, 4, 0, 0x34, 0x02, 0x13]);
+        assert_eq!((take(&connection), take(&event(45))), (None, Some(0x6C1D_EBA4_1845)));
+        take(&[0x3E, 3, 0x10, 0x34, 0x02]);
+        assert_eq!(take(&event(45)), None);
+        let mut failed = synchronised;
+        failed[3] = 0x3E;
+        take(&failed);
+        assert_eq!(take(&event(45)), None);
+        for handle in 0..200 {
+            let mut one = synchronised;
+            one[4] = handle;
+            take(&one);
+            // Truncated, of no known length.
+            take(&[0x3E, 5, 0x0E, 0, handle, 2, 3]);
+        }
+        take(&synchronised);
+        assert_eq!(take(&event(45)), Some(0x6C1D_EBA4_1845));
     }
 
     #[test]

@@ -23,16 +23,6 @@ impl Covariance {
         self.weight += weight;
     }
 
-    /// Adds another covariance.
-    pub fn merge(&mut self, other: &Self) {
-        for (row, others) in self.rows.iter_mut().zip(&other.rows) {
-            for (sum, other) in row.iter_mut().zip(others) {
-                *sum = sum.plus(*other);
-            }
-        }
-        self.weight += other.weight;
-    }
-
     /// Sum of the weights.
     #[must_use]
     pub fn weight(&self) -> f32 {
@@ -42,8 +32,15 @@ impl Covariance {
     /// `a' R a`.
     #[must_use]
     pub fn power(&self, a: &Vector) -> f32 {
-        let terms = self.times(a);
-        terms.iter().zip(a).map(|(y, a)| y.times_conj(*a).re).sum()
+        let mut sum = 0.0;
+        for (k, (row, a_k)) in self.rows.iter().zip(a).enumerate() {
+            // The other half of the matrix gives the same once more.
+            let behind = row.iter().zip(a).skip(k + 1);
+            let half = behind.fold(Complex::default(), |sum, (r, a)| sum.plus(r.times(*a))).scaled(2.0);
+            let own = row.get(k).map_or_else(Complex::default, |r| a_k.scaled(r.re));
+            sum += half.plus(own).times_conj(*a_k).re;
+        }
+        sum
     }
 
     /// `R a`.
@@ -70,12 +67,6 @@ impl Covariance {
     /// Whether an antenna hears anything.
     #[must_use]
     pub fn lives(&self, antenna: usize) -> bool {
-        self.diagonal().nth(antenna).is_some_and(|power| power > 0.0)
-    }
-
-    /// How many antennas hear anything.
-    #[must_use]
-    pub fn living(&self) -> usize {
-        self.diagonal().filter(|power| *power > 0.0).count()
+        self.rows.get(antenna).and_then(|row| row.get(antenna)).is_some_and(|power| power.re > 0.0)
     }
 }

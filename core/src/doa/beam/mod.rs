@@ -8,28 +8,35 @@
 //!   are counted, not refused: see [`Peak::rivals`].
 //! - On a **line** every direction has a mirror image that fits exactly: [`Beam::mirror_rad`].
 //!
-//! Not flown: no benchmark row counts it.
+//! The table has as many directions as the array is sharp. The best is refined by a parabola and Newton's steps.
+//!
+//! Not flown: `cargo xtask bench` counts it (`beam_36`, `covariance_bearing`).
 
 use core::f32::consts::TAU;
 
 use crate::base::adc::ANTENNAS_MAX;
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::math::sqrt;
-use crate::base::units::{between, sin_cos, wrap_pi};
+use crate::base::units::{between, sin_cos, whole_below, wrap_pi};
 use crate::doa::bearing::Bearing;
 use crate::signal::phase::Complex;
 
 mod covariance;
+mod scan;
 mod source;
 
 pub use covariance::Covariance;
+pub use scan::Scan;
 pub use source::Source;
 
 /// One complex number for each antenna; zero where there is none.
 pub type Vector = [Complex; ANTENNAS_MAX];
 
-/// Directions that the beam is turned to before the best is refined.
+/// Most directions that the beam is turned to before the best is refined, and fewest.
 const DIRECTIONS: usize = 72;
+const DIRECTIONS_MIN: usize = 24;
+/// By how much the phase of the outermost antenna changes from one direction to the next, if there may be so many.
+const STEP_RAD: f32 = 0.68;
 /// Farthest that an antenna may be from the middle of all, in wavelengths: beyond it, the beam is so narrow that it would
 /// fall between two directions.
 pub const REACH_MAX_WAVELENGTHS: f32 = 3.0;
@@ -37,8 +44,8 @@ pub const REACH_MAX_WAVELENGTHS: f32 = 3.0;
 const APART_MIN_WAVELENGTHS: f32 = 0.02;
 /// Most directions that are counted beside the best.
 pub const RIVALS: usize = 8;
-/// How near to the mirror image a peak must be to be it: one and a half steps of the table.
-const MIRROR_RAD: f32 = 1.5 * TAU / DIRECTIONS as f32;
+/// How near to the mirror image a peak must be to be it, in steps of the table.
+const MIRROR_STEPS: f32 = 1.5;
 
 /// Where the antennas are.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,7 +64,12 @@ pub struct Beam {
     /// Positions from their centroid times the wavenumber: radians of phase per unit of direction.
     steering: [[f32; 2]; ANTENNAS_MAX],
     count: usize,
+    /// Largest of them.
+    reach: f32,
     table: [Vector; DIRECTIONS],
+    /// How many directions of the table are in use, and from one to the next.
+    directions: usize,
+    step_rad: f32,
     /// Direction of the line that the antennas are on, if they are.
     line_rad: Option<f32>,
 }
@@ -84,7 +96,7 @@ pub struct Arrival {
     pub bearing: Bearing,
     /// On a line, the direction that fits as well; a bearing with one is flagged [`Flags::AMBIGUOUS`](crate::doa::bearing::Flags::AMBIGUOUS) and valid.
     pub mirror_rad: Option<f32>,
-    /// How many directions fit nearly as well; the mirror is one.
+    /// How many directions, and offsets of an array behind a switch, fit nearly as well; the mirror is one.
     pub ambiguities: u8,
 }
 
@@ -115,13 +127,17 @@ impl Config {
         let mut beam = Beam {
             steering: [[0.0; 2]; ANTENNAS_MAX],
             count: self.count,
+            reach: 0.0,
             table: [[Complex::default(); ANTENNAS_MAX]; DIRECTIONS],
+            directions: DIRECTIONS,
+            step_rad: 0.0,
             line_rad: None,
         };
         for (k, (steering, p)) in beam.steering.iter_mut().zip(antennas_m).enumerate() {
             let from_centre_m = [p[0] - centre[0], p[1] - centre[1]];
             check("antennas_m", length(from_centre_m), 0.0, farthest_m)?;
             *steering = from_centre_m.map(|coordinate_m| wavenumber * coordinate_m);
+            beam.reach = beam.reach.max(length(*steering));
             for other in antennas_m.iter().skip(k + 1) {
                 let apart_m = length([p[0] - other[0], p[1] - other[1]]);
                 if apart_m < APART_MIN_WAVELENGTHS * wavelength_m {
@@ -135,9 +151,12 @@ impl Config {
         if xx * yy - xy * xy < 1e-3 * (xx + yy) * (xx + yy) {
             beam.line_rad = Some(0.5 * libm::atan2f(2.0 * xy, xx - yy));
         }
+        let wanted = whole_below(TAU * beam.reach / STEP_RAD) as usize + 1;
+        beam.directions = wanted.clamp(DIRECTIONS_MIN, DIRECTIONS);
+        beam.step_rad = TAU / beam.directions as f32;
         let mut table = beam.table;
-        for (k, vector) in table.iter_mut().enumerate() {
-            *vector = beam.toward(k as f32 * (TAU / DIRECTIONS as f32));
+        for (k, vector) in table.iter_mut().enumerate().take(beam.directions) {
+            *vector = beam.toward(k as f32 * beam.step_rad);
         }
         beam.table = table;
         Ok(beam)
@@ -172,81 +191,6 @@ impl Beam {
     pub fn mirror_rad(&self, azimuth_rad: f32) -> Option<f32> {
         let mirror_rad = wrap_pi(2.0 * self.line_rad? - azimuth_rad);
         (libm::fabsf(wrap_pi(mirror_rad - azimuth_rad)) > 1e-3).then_some(mirror_rad)
-    }
-
-    /// The power of the strongest of the directions in the table over the covariance's weight: the number of antennas when a
-    /// plane wave from there explains phasors of length one.
-    #[must_use]
-    pub fn strongest(&self, covariance: &Covariance) -> f32 {
-        let antennas = covariance.trace();
-        let most = self.table.iter().map(|vector| covariance.power(vector)).fold(0.0, f32::max);
-        if antennas > 0.0 { most / antennas } else { 0.0 }
-    }
-
-    /// Where the power of a covariance is largest; `None` when fewer than two antennas hear anything.
-    #[must_use]
-    pub fn find(&self, covariance: &Covariance) -> Option<Peak> {
-        let antennas = covariance.living();
-        let total = covariance.trace() * antennas as f32;
-        if antennas < 2 || !(total > 0.0) || !total.is_finite() {
-            return None;
-        }
-        let mut powers = [0.0_f32; DIRECTIONS];
-        for (power, vector) in powers.iter_mut().zip(&self.table) {
-            *power = covariance.power(vector);
-        }
-        let (mut best, mut most) = (0, f32::MIN);
-        for (k, power) in powers.iter().enumerate() {
-            (best, most) = if *power > most { (k, *power) } else { (best, most) };
-        }
-        let azimuth_rad = self.refined(covariance, best as f32 * (TAU / DIRECTIONS as f32));
-        let mut peak = Peak {
-            azimuth_rad: wrap_pi(azimuth_rad),
-            share: (covariance.power(&self.toward(azimuth_rad)) / total).min(1.0),
-            rivals: [0.0; RIVALS],
-            sensitivity: self.sensitivity(azimuth_rad, covariance),
-            antennas,
-        };
-        let before = powers.iter().cycle().skip(DIRECTIONS - 1);
-        let behind = powers.iter().cycle().skip(1);
-        for (k, ((power, before), behind)) in powers.iter().zip(before).zip(behind).enumerate() {
-            let away_rad = k as f32 * (TAU / DIRECTIONS as f32) - azimuth_rad;
-            let is_other = |rad: f32| libm::fabsf(wrap_pi(rad)) > MIRROR_RAD;
-            let is_no_mirror =
-                self.mirror_rad(azimuth_rad).is_none_or(|mirror_rad| is_other(azimuth_rad + away_rad - mirror_rad));
-            if power >= before && power > behind && is_other(away_rad) && is_no_mirror {
-                let near_rad = self.refined(covariance, azimuth_rad + away_rad);
-                peak.note(covariance.power(&self.toward(near_rad)) / total);
-            }
-        }
-        Some(peak)
-    }
-
-    /// The maximum near a direction of the table: a parabola through three points, twice, nearer the second time.
-    fn refined(&self, covariance: &Covariance, azimuth_rad: f32) -> f32 {
-        let mut azimuth_rad = azimuth_rad;
-        for reach_rad in [0.5 * TAU / DIRECTIONS as f32, 0.005, 0.005] {
-            let power = |away_rad: f32| covariance.power(&self.toward(azimuth_rad + away_rad));
-            let (before, here, behind) = (power(-reach_rad), power(0.0), power(reach_rad));
-            let bend = before - 2.0 * here + behind;
-            if bend < 0.0 {
-                azimuth_rad += reach_rad * between(0.5 * (before - behind) / bend, -1.0, 1.0);
-            }
-        }
-        azimuth_rad
-    }
-
-    /// See [`Peak::sensitivity`].
-    fn sensitivity(&self, azimuth_rad: f32, covariance: &Covariance) -> f32 {
-        let (sine, cosine) = sin_cos(azimuth_rad);
-        let (mut sum, mut squares, mut count) = (0.0_f32, 0.0_f32, 0.0_f32);
-        for (k, [x, y]) in self.steering.iter().enumerate().take(self.count) {
-            if covariance.lives(k) {
-                let slope = y * cosine - x * sine;
-                (sum, squares, count) = (sum + slope, squares + slope * slope, count + 1.0);
-            }
-        }
-        if count > 0.0 { (squares - sum * sum / count).max(0.0) } else { 0.0 }
     }
 }
 

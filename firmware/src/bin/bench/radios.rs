@@ -35,9 +35,9 @@ pub(super) fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
 }
 
 /// A ring of eight antennas.
-fn beam() -> Beam {
+fn beam(radius_m: f32) -> Beam {
     let antennas_m = core::array::from_fn(|k| {
-        let z = Complex::at(wrap_pi(k as f32 * TAU / ANTENNAS as f32)).scaled(0.5);
+        let z = Complex::at(wrap_pi(k as f32 * TAU / ANTENNAS as f32)).scaled(radius_m);
         [z.re, z.im]
     });
     let config = beam::Config { wavelength_m: 1.0, antennas_m, count: ANTENNAS };
@@ -47,7 +47,8 @@ fn beam() -> Beam {
     }
 }
 
-/// The largest cost of several packets.
+/// The largest cost of a packet of a transmitter whose offset is known, and of hard packets: noisy, of a transmitter that was not
+/// heard before, with visits that are off and steps between two cells, so that every cell is tried.
 #[inline(never)]
 fn packets(measure: &impl Fn(&mut dyn FnMut()) -> u32, rng: &mut Rng) {
     let mut pattern = [0; SLOTS_MAX];
@@ -56,34 +57,44 @@ fn packets(measure: &impl Fn(&mut dyn FnMut()) -> u32, rng: &mut Rng) {
     }
     let (sample_rate_hz, tone_hz, slot_s, pattern_slots) = (2e6, 250e3, 4e-6, ANTENNAS);
     let schedule = slots::Config { antennas: ANTENNAS, sample_rate_hz, tone_hz, slot_s, pattern, pattern_slots };
-    let built = schedule.build(SLOTS, SAMPLES).and_then(|reader| switched::Config::default().build(beam(), reader));
+    let built = schedule.build(SLOTS, SAMPLES).and_then(|reader| switched::Config::default().build(beam(0.5), reader));
     let Ok(estimator) = built else { Twin::halt(format_args!("the switched array does not build")) };
     let packet = PACKET.take();
-    let mut emitter = Emitter::default();
-    let mut worst = 0;
-    for number in 0..12 {
-        let azimuth_rad = 0.5 * number as f32;
+    let (mut emitter, mut typical, mut hard) = (Emitter::default(), 0, 0);
+    for number in 0..40 {
+        let is_hard = number >= 16;
+        let (azimuth_rad, noise) = (0.5 * number as f32, if is_hard { 0.5 } else { 0.1 });
         for (at, sample) in packet.iter_mut().enumerate() {
             let (slot, k) = (at / SAMPLES, at % SAMPLES);
             let away_rad = azimuth_rad - (slot % ANTENNAS) as f32 * TAU / ANTENNAS as f32;
             let (_, cosine) = sin_cos(wrap_pi(away_rad));
-            let turns = 9e3 * (slot as f32 * 4e-6 + k as f32 * 0.5e-6) + k as f32 / 8.0 + 0.5 * cosine;
-            let z = Complex::at(wrap_pi(TAU * turns));
-            *sample = Complex { re: z.re + 0.1 * rng.gaussian(), im: z.im + 0.1 * rng.gaussian() };
+            let is_off = is_hard && slot % 5 == 0;
+            let step_hz = if is_hard { 15.6e3 } else { 0.0 };
+            let off_turns = if is_off { 0.3 } else { 0.0 };
+            let turns = 9e3 * (slot as f32 * 4e-6 + k as f32 * 0.5e-6) + step_hz * k as f32 * 0.5e-6 + off_turns;
+            let z = Complex::at(wrap_pi(TAU * (turns + k as f32 / 8.0 + 0.5 * cosine)));
+            *sample = Complex { re: z.re + noise * rng.gaussian(), im: z.im + noise * rng.gaussian() };
         }
+        if is_hard {
+            emitter = Emitter::default();
+        }
+        let searches = emitter.searches();
         let mut group = Group::default();
         let taken = measure(&mut || {
             estimator.take(&mut emitter, &mut group, black_box(&packet[..]));
             black_box(estimator.bearing(&group, Instant(0)));
         });
-        worst = worst.max(taken);
+        let worst = if emitter.searches() > searches { &mut hard } else { &mut typical };
+        *worst = taken.max(*worst);
     }
-    row("cte_packet", worst, 0);
+    row("cte_packet", typical, 0);
+    row("cte_packet_worst", hard, 0);
 }
 
 #[inline(never)]
 fn frames(measure: &impl Fn(&mut dyn FnMut()) -> u32, rng: &mut Rng) {
-    let (beam, frame) = (beam(), FRAME.take());
+    // A ring of this size has a table of 36 directions.
+    let (beam, frame) = (beam(0.61), FRAME.take());
     let wave = beam.toward(1.1);
     for z in frame.iter_mut() {
         let sent = Complex { re: rng.gaussian(), im: rng.gaussian() };
@@ -101,11 +112,9 @@ fn frames(measure: &impl Fn(&mut dyn FnMut()) -> u32, rng: &mut Rng) {
         }
     });
     row("covariance_8x256", added, 0);
-    let turned = measure(&mut || {
-        black_box(beam.strongest(black_box(&covariance)));
-    });
-    // The table has 72 directions.
-    row("beam_36", turned / 2, 0);
+    let mut scan = beam::Scan::default();
+    let turned = measure(&mut || beam.scan(black_box(&wave), black_box(&mut scan)));
+    row("beam_36", turned, 0);
     let source = Source::default();
     let found = measure(&mut || {
         black_box(source.bearing(&beam, black_box(&covariance), 0.0, Instant(0)));

@@ -16,6 +16,8 @@ use crate::tools::switched::Estimators;
 
 /// Largest number of transmitters; handles have 12 bits, and line noise can invent many.
 const EMITTERS_MAX: usize = 64;
+/// Handles are at most this; what is larger is an address.
+const HANDLE_MAX: u64 = 0x0FFF;
 
 enum Reader {
     Reports(Box<(hci::Reader, Reports)>),
@@ -38,7 +40,7 @@ impl Serial {
         Self { line, reader: Reader::Angles(uudf::Reader::default()), was_open: true }
     }
 
-    /// The events since the last call.
+    /// The events since the last call. The wanted transmitter is a handle, or an address.
     pub(super) fn events(&mut self, wanted: Option<u64>) -> Vec<Event> {
         let bytes = self.line.read();
         let is_open = self.line.is_open();
@@ -59,8 +61,17 @@ impl Reader {
         for byte in bytes {
             events.extend(match self {
                 Self::Reports(both) => both.0.push(*byte).map(|found| match found {
-                    Ok(report) if wanted.is_some_and(|wanted| wanted != u64::from(report.handle)) => other(),
-                    Ok(report) => both.1.estimate(&report, now),
+                    Ok(report) => {
+                        let address = both.0.address(&report);
+                        match wanted {
+                            Some(wanted) if wanted <= HANDLE_MAX && wanted != u64::from(report.handle) => other(),
+                            Some(wanted) if wanted > HANDLE_MAX && address.is_none() => {
+                                Event::Nothing(format!("handle {} has no known address", report.handle))
+                            }
+                            Some(wanted) if wanted > HANDLE_MAX && address != Some(wanted) => other(),
+                            _ => both.1.estimate(&report, address, now),
+                        }
+                    }
                     Err(refused) => Event::Refused(refused.to_string()),
                 }),
                 Self::Angles(reader) => reader.push(*byte).map(|found| match found {
@@ -79,7 +90,14 @@ impl Reader {
 /// The estimators, and the state of each transmitter.
 pub(super) struct Reports {
     estimators: Estimators,
-    emitters: HashMap<i32, Emitter>,
+    emitters: HashMap<Transmitter, Emitter>,
+}
+
+/// A transmitter: by its address where it is known, as the controller may give its handle to another.
+#[derive(PartialEq, Eq, Hash)]
+enum Transmitter {
+    Address(u64),
+    Handle(bool, u16),
 }
 
 impl Reports {
@@ -90,16 +108,18 @@ impl Reports {
         Ok(Self { estimators, emitters: HashMap::new() })
     }
 
-    fn estimate(&mut self, report: &hci::IqReport, now: Instant) -> Event {
+    fn estimate(&mut self, report: &hci::IqReport, address: Option<u64>, now: Instant) -> Event {
         let refused = |error: InputError| Event::Refused(error.to_string());
-        let (number, reference, values) = match packet(report, self.estimators.array()) {
+        let (_, reference, values) = match packet(report, self.estimators.array()) {
             Ok(parts) => parts,
             Err(error) => return refused(error),
         };
         if values.is_empty() {
             return Event::Nothing("reports without samples to use".to_owned());
         }
-        if self.emitters.len() >= EMITTERS_MAX && !self.emitters.contains_key(&number) {
+        let handle = || Transmitter::Handle(report.link == hci::Link::Connection, report.handle);
+        let transmitter = address.map_or_else(handle, Transmitter::Address);
+        if self.emitters.len() >= EMITTERS_MAX && !self.emitters.contains_key(&transmitter) {
             return Event::Nothing("more transmitters than are told apart".to_owned());
         }
         let estimator = match self.estimators.of(values.len()) {
@@ -107,7 +127,7 @@ impl Reports {
             Err(error) => return refused(error),
         };
         let mut group = Group::default();
-        estimator.take_with(self.emitters.entry(number).or_default(), &mut group, &reference, &values);
+        estimator.take_with(self.emitters.entry(transmitter).or_default(), &mut group, &reference, &values);
         Measurement::of(&estimator.bearing(&group, time::Instant(0)).bearing, now)
     }
 }

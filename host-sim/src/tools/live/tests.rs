@@ -279,25 +279,109 @@ fn lines_of_a_serial_port_give_bearings_and_its_end_has_a_name() {
     until(&mut live, |state, _| matches!(state, State::Lost(_)));
 }
 
-#[test]
-fn iq_reports_over_serial_give_bearings() {
+/// A ring of eight antennas behind a switch, as Bluetooth controllers report it.
+fn ring() -> (Vec<[f64; 2]>, RadioArray) {
     let ring: Vec<[f64; 2]> =
         (0..8).map(|k| [0.5 * (TAU * f64::from(k) / 8.0).cos(), 0.5 * (TAU * f64::from(k) / 8.0).sin()]).collect();
     let text = format!(
         "wavelength_m = 1.0\nantennas_m = {ring:?}\nsample_rate_hz = 1e6\ntone_hz = 250e3\n[switch]\nslot_s = 4e-6\npattern = [2, 3, 4, 5, 6, 7, 8, 1]\n"
     );
     let array = RadioArray::parse(&text).unwrap();
-    let mut report = vec![4, 0x3E, 103, 0x15, 1, 0, 17, 0x18, 0xFD, 0, 0, 2, 0, 1, 0, 45];
+    (ring, array)
+}
+
+/// An H4 packet with a report of a transmitter in this direction, with this offset of its frequency.
+fn iq_report(handle: u8, azimuth: f64, offset_mhz: f64) -> Vec<u8> {
+    let (ring, _) = ring();
+    let mut report = vec![4, 0x3E, 103, 0x15, handle, 0, 17, 0x18, 0xFD, 0, 0, 2, 0, 1, 0, 45];
     let reference = (0..8).map(|k| (0, 4.5 + f64::from(k)));
     for (antenna, time_us) in reference.chain((0..37).map(|s: usize| ((s + 1) % 8, 15.0 + 4.0 * s as f64))) {
         let [x, y] = ring[antenna];
-        let phase = TAU * (x * f64::cos(1.2) + y * f64::sin(1.2)) + TAU * 0.257 * time_us;
+        let phase = TAU * (x * azimuth.cos() + y * azimuth.sin()) + TAU * (0.25 + offset_mhz) * time_us;
         report.extend([(100.0 * phase.cos()) as i8 as u8, (100.0 * phase.sin()) as i8 as u8]);
     }
+    report
+}
+
+/// An H4 packet by which a controller says that it has synchronised with a periodic advertising train.
+fn synchronised(handle: u8, address: u64) -> Vec<u8> {
+    let mut event = vec![4, 0x3E, 16, 0x0E, 0, handle, 0, 0, 0];
+    event.extend(&address.to_le_bytes()[..6]);
+    event.extend([1, 80, 0, 0]);
+    event
+}
+
+/// An open line of a Bluetooth controller, and its far end.
+fn controller(emitter: Option<u64>) -> (Line, Live) {
     let (mut far, address) = Line::listen(&Listen::Pty).unwrap();
     let Address::Serial { device, baud } = address else { panic!("{address}") };
-    let mut live = Live::open(&Source::Hci(device, baud), Options { array: Some(array), ..options() }).unwrap();
+    let options = Options { array: Some(ring().1), emitter, ..options() };
+    let live = Live::open(&Source::Hci(device, baud), options).unwrap();
     far.read();
+    (far, live)
+}
+
+#[test]
+fn of_two_beacons_that_send_in_turn_the_wanted_address_is_heard() {
+    let (near, far_away) = (0x6C1D_EBA4_1845, 0x6C1D_EBA4_1846);
+    let reports = |handles: [u8; 2]| [iq_report(handles[0], 1.2, 0.007), iq_report(handles[1], -2.0, -0.011)];
+    for (wanted, azimuth) in [(near, 1.2), (far_away, -2.0)] {
+        let (mut line, mut live) = controller(Some(wanted));
+        // Before the controller says whose handles these are, neither is believed.
+        for report in reports([1, 2]) {
+            line.write(&report);
+            until(&mut live, |state, bearing| {
+                assert!(bearing.is_none());
+                matches!(state, State::NoBearing(why) if why.contains("no known address"))
+            });
+        }
+        // The handles change hands after a while.
+        for handles in [[1, 2], [2, 1]] {
+            line.write(&synchronised(handles[0], near));
+            line.write(&synchronised(handles[1], far_away));
+            for _ in 0..20 {
+                let heard = usize::from(wanted == far_away);
+                for (number, report) in reports(handles).iter().enumerate() {
+                    line.write(report);
+                    until(&mut live, |state, bearing| {
+                        if let Some(bearing) = bearing {
+                            assert!(number == heard && (bearing.azimuth_rad - azimuth).abs() < 0.02, "{bearing:?}");
+                        }
+                        match (number == heard, state) {
+                            (true, _) => bearing.is_some(),
+                            (false, State::NoBearing(why)) => why == "another transmitter",
+                            _ => false,
+                        }
+                    });
+                }
+            }
+        }
+        // A handle that is lost has no address.
+        line.write(&[4, 0x3E, 3, 0x10, 1, 0]);
+        line.write(&[4, 0x3E, 3, 0x10, 2, 0]);
+        line.write(&reports([1, 2])[usize::from(wanted == far_away)]);
+        until(&mut live, |state, bearing| {
+            assert!(bearing.is_none());
+            matches!(state, State::NoBearing(why) if why.contains("no known address"))
+        });
+    }
+}
+
+#[test]
+fn a_beacon_is_wanted_by_its_handle_as_well() {
+    let (mut line, mut live) = controller(Some(2));
+    line.write(&iq_report(1, 1.2, 0.007));
+    until(&mut live, |state, bearing| {
+        bearing.is_none() && *state == State::NoBearing("another transmitter".to_owned())
+    });
+    line.write(&iq_report(2, -2.0, -0.011));
+    until(&mut live, |_, bearing| bearing.is_some_and(|bearing| (bearing.azimuth_rad + 2.0).abs() < 0.02));
+}
+
+#[test]
+fn iq_reports_over_serial_give_bearings() {
+    let mut report = iq_report(1, 1.2, 0.007);
+    let (mut far, mut live) = controller(None);
     far.write(&report);
     until(&mut live, |_, bearing| bearing.is_some_and(|bearing| (bearing.azimuth_rad - 1.2).abs() < 0.02));
     report[12] = 1;
