@@ -9,4 +9,5 @@ mod modulations;
 mod other_radios;
 mod radio_files;
 mod reflections;
+mod switched_arrays;
 mod waves;

@@ -414,14 +414,14 @@ fn sigmf_recordings_are_read_and_damaged_ones_refused() {
 }
 
 /// One place of the recording: which beacon sent each packet, its phases, and where it is.
-struct Place {
-    beacons: Vec<i32>,
-    values: Vec<[f64; 2]>,
-    truth: Vec<f64>,
+pub(crate) struct Place {
+    pub(crate) beacons: Vec<i32>,
+    pub(crate) values: Vec<[f64; 2]>,
+    pub(crate) truth: Vec<f64>,
 }
 
 /// The recorded places, if they lie beside the repository.
-fn places() -> Option<BTreeMap<String, Place>> {
+pub(crate) fn places() -> Option<BTreeMap<String, Place>> {
     let packed = std::fs::File::open(root().join("../shared/data/radio/ble-cte-dev.tgz")).ok()?;
     let mut archive = Vec::new();
     flate2::read::GzDecoder::new(packed).read_to_end(&mut archive).unwrap();
