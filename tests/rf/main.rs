@@ -10,5 +10,6 @@ mod music;
 mod other_radios;
 mod radio_files;
 mod reflections;
+mod switched_arrays;
 mod two_emitters;
 mod waves;

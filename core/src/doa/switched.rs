@@ -365,12 +365,7 @@ impl Estimator {
 
     /// How many other directions the antennas cannot tell from the peak.
     fn rivals(&self, peak: &Peak, variance: f32) -> u8 {
-        // What was learned of so few antennas, at one place, may be too little by chance.
-        let antennas = peak.antennas as f32;
-        let freedom = (antennas - 2.0).max(0.0);
-        let variance =
-            (freedom * variance.max(LEARNT_MIN) + MODEL_ANTENNAS * MODEL_VARIANCE) / (freedom + MODEL_ANTENNAS);
-        let margin = 2.0 * SURE * variance / antennas;
+        let margin = 2.0 * SURE * variance.max(LEARNT_MIN) / peak.antennas as f32;
         peak.ambiguities((APART * peak.misfit()).max(peak.misfit() + margin))
     }
 

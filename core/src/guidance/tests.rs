@@ -451,6 +451,9 @@ fn the_navigation_half_keeps_within_48_kilobytes() {
     assert!(bytes <= 48 * 1024, "{bytes}");
 }
 
+/// A change of a fact, and the stages that it reaches.
+type Fact = (fn(&mut Config), &'static [&'static str]);
+
 /// Each fact that several stages share is changed in its one place, and reaches all of them.
 #[test]
 fn a_shared_fact_reaches_every_stage_that_uses_it() {
@@ -474,7 +477,7 @@ fn a_shared_fact_reaches_every_stage_that_uses_it() {
         turning: Some(turning::Config::default()),
         ..Config::default()
     };
-    let facts: [(fn(&mut Config), &[&str]); 8] = [
+    let facts: [Fact; 8] = [
         (|c| c.vehicle.radius_m = 0.2, &["guard", "planner", "search"]),
         (|c| c.sensor.range_m = 4.0, &["guard", "planner"]),
         (|c| c.sensor.fov_rad = 3.0, &["guard", "planner"]),
