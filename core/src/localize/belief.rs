@@ -1,10 +1,11 @@
 //! The belief about the source: everything that the bearings have shown, and the only place where later stages ask.
 //!
-//! Bearings are averaged ([`goal`]) and gathered into sightings ([`gather`]); the link is classified as direct or
+//! Bearings are averaged ([`goal`]) and gathered into sightings ([`gathering`]); the link is classified as direct or
 //! reflected ([`link_state`]); a bank of filters estimates the source's position from the sightings ([`bank`]). A
 //! reflected sighting is passed on as the vehicle's mirror image would have measured it, without the reflection.
 //!
 //! [`goal`]: crate::localize::goal
+//! [`gathering`]: crate::localize::source::gather
 
 use heapless::Vec;
 
