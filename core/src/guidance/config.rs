@@ -172,3 +172,55 @@ impl Config {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::planning::explore;
+
+    /// A change of a fact, and the stages that it reaches.
+    type Fact = (fn(&mut Config), &'static [&'static str]);
+
+    /// Each fact that several stages share is changed in its one place, and reaches all of them.
+    #[test]
+    fn a_shared_fact_reaches_every_stage_that_uses_it() {
+        let stages = |config: &Config| {
+            let guidance = config.build::<64>().unwrap();
+            let planner = std::format!("{:?}", config.build_planner().unwrap());
+            let (planner, search) = planner.split_once("explorer:").unwrap();
+            [
+                ("guard", std::format!("{:?}", guidance.guard)),
+                ("planner", planner.into()),
+                ("search", search.into()),
+                ("near", std::format!("{:?}", guidance.plan_margin_m)),
+                ("evader", std::format!("{:?}", guidance.evade)),
+                ("wind", std::format!("{:?}", guidance.wind)),
+                ("vehicle model", std::format!("{:?}", guidance.vehicle_model)),
+                ("turning", std::format!("{:?}", guidance.turning)),
+            ]
+        };
+        let usual = Config {
+            planner: planner::Config { explore: Some(explore::Config::default()), ..planner::Config::default() },
+            turning: Some(turning::Config::default()),
+            ..Config::default()
+        };
+        let facts: [Fact; 8] = [
+            (|c| c.vehicle.radius_m = 0.2, &["guard", "planner", "search"]),
+            (|c| c.sensor.range_m = 4.0, &["guard", "planner"]),
+            (|c| c.sensor.fov_rad = 3.0, &["guard", "planner"]),
+            (|c| c.planner.margin_m = 0.1, &["planner", "search", "near"]),
+            (|c| c.guard.v_max_mps = 2.0, &["guard", "evader"]),
+            (|c| c.guard.a_max_mps2 = 3.0, &["guard", "evader"]),
+            (|c| c.vehicle_model.lag_s = 0.7, &["evader", "wind", "vehicle model"]),
+            (|c| c.mission.stall_s = 50.0, &["turning"]),
+        ];
+        let before = stages(&usual);
+        for (change, users) in facts {
+            let mut config = usual;
+            change(&mut config);
+            let changed = before.iter().zip(stages(&config)).filter(|(old, new)| *old != new);
+            let changed: std::vec::Vec<&str> = changed.map(|(old, _)| old.0).collect();
+            assert_eq!(changed, users);
+        }
+    }
+}

@@ -25,7 +25,7 @@ pub struct State<const N: usize> {
     pub(super) last_flags: Flags,
     pub(super) turning: turning::State,
     pub(super) belief: belief::State,
-    pub(super) vehicle: Vehicle,
+    pub(super) vehicle: VehicleState,
     pub(super) surroundings: Surroundings,
     pub(super) plans: Plans,
     pub(super) arrival: Arrival,
@@ -36,7 +36,7 @@ pub struct State<const N: usize> {
 
 /// The vehicle as last received, and what is estimated of it.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Vehicle {
+pub(super) struct VehicleState {
     pub(super) ownship: Option<Ownship>,
     pub(super) agreement: Agreement,
     pub(super) height_m: Option<f32>,
@@ -176,7 +176,7 @@ impl<const N: usize> Guidance<N> {
         *last_flags = Flags::default();
         *turning = turning::State::default();
         *belief = belief::State::default();
-        *vehicle = Vehicle::default();
+        *vehicle = VehicleState::default();
         map.clear();
         tracks.clear();
         *refused = Refused::default();

@@ -8,7 +8,6 @@ use crate::base::units::wrap_pi;
 use crate::control::vehicle::Vehicle;
 use crate::doa::bearing::{Flags, Quality};
 use crate::landing;
-use crate::planning::explore;
 use crate::planning::planner::{self, Workspace};
 use std::vec::Vec as StdVec;
 
@@ -449,52 +448,6 @@ fn the_navigation_half_keeps_within_48_kilobytes() {
     let carried = size_of::<State<256>>() - others;
     let bytes = size_of::<Workspace>() + size_of::<planner::Planner>() + carried;
     assert!(bytes <= 48 * 1024, "{bytes}");
-}
-
-/// A change of a fact, and the stages that it reaches.
-type Fact = (fn(&mut Config), &'static [&'static str]);
-
-/// Each fact that several stages share is changed in its one place, and reaches all of them.
-#[test]
-fn a_shared_fact_reaches_every_stage_that_uses_it() {
-    let stages = |config: &Config| {
-        let guidance = config.build::<64>().unwrap();
-        let planner = std::format!("{:?}", config.build_planner().unwrap());
-        let (planner, search) = planner.split_once("explorer:").unwrap();
-        [
-            ("guard", std::format!("{:?}", guidance.guard)),
-            ("planner", planner.into()),
-            ("search", search.into()),
-            ("near", std::format!("{:?}", guidance.plan_margin_m)),
-            ("evader", std::format!("{:?}", guidance.evade)),
-            ("wind", std::format!("{:?}", guidance.wind)),
-            ("vehicle model", std::format!("{:?}", guidance.vehicle_model)),
-            ("turning", std::format!("{:?}", guidance.turning)),
-        ]
-    };
-    let usual = Config {
-        planner: planner::Config { explore: Some(explore::Config::default()), ..planner::Config::default() },
-        turning: Some(turning::Config::default()),
-        ..Config::default()
-    };
-    let facts: [Fact; 8] = [
-        (|c| c.vehicle.radius_m = 0.2, &["guard", "planner", "search"]),
-        (|c| c.sensor.range_m = 4.0, &["guard", "planner"]),
-        (|c| c.sensor.fov_rad = 3.0, &["guard", "planner"]),
-        (|c| c.planner.margin_m = 0.1, &["planner", "search", "near"]),
-        (|c| c.guard.v_max_mps = 2.0, &["guard", "evader"]),
-        (|c| c.guard.a_max_mps2 = 3.0, &["guard", "evader"]),
-        (|c| c.vehicle_model.lag_s = 0.7, &["evader", "wind", "vehicle model"]),
-        (|c| c.mission.stall_s = 50.0, &["turning"]),
-    ];
-    let before = stages(&usual);
-    for (change, users) in facts {
-        let mut config = usual;
-        change(&mut config);
-        let changed = before.iter().zip(stages(&config)).filter(|(old, new)| *old != new);
-        let changed: std::vec::Vec<&str> = changed.map(|(old, _)| old.0).collect();
-        assert_eq!(changed, users);
-    }
 }
 
 #[test]

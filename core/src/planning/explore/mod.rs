@@ -81,7 +81,7 @@ impl Config {
         check("explore.limit_s", self.limit_s, 1.0, 3600.0)?;
         check("explore.cell_m", self.cell_m, 0.2, 20.0)?;
         check("explore.radius_m", self.radius_m, self.cell_m, 300.0)?;
-        check("explore.clearance_m", clearance_m, 0.0, 10.0)?;
+        check("vehicle.radius_m + planner.margin_m", clearance_m, 0.0, 2.0)?;
         check("explore.shade_m", self.shade_m, 0.0, 2.0)?;
         check("explore.turn_m_per_rad", self.turn_m_per_rad, 0.0, 100.0)?;
         check("explore.stick_m", self.stick_m, 0.0, 100.0)?;
