@@ -12,7 +12,7 @@ use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::doa::rotating::{self, direction};
 use foxhound_core::localize::link_state::{self, Classifier, Features, Sightline};
 use foxhound_core::localize::pursuit;
-use foxhound_core::localize::source::{Estimate, Sighting, Update, bank, polar};
+use foxhound_core::localize::source::{Estimate, FILTERS, Sighting, Update, bank, polar};
 use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::mapping::walls::{self, WALLS_MAX, Wall};
 use foxhound_core::planning::explore::{self, Explored};
@@ -320,7 +320,7 @@ fn several(draw: &mut Draw<'_>) -> Reached {
         }
         let heard = stream.sighting(draw);
         let answer = bank.step(&mut state, &heard, draw.any(0.0, 1.0), &walls);
-        assert!(state.count() <= bank::FILTERS);
+        assert!(state.count() <= FILTERS);
         if let Some(answer) = answer {
             check_estimate(&answer.estimate, &|| format!("{heard:?} {walls:?}"));
             assert!(answer.share > 0.0 && answer.share <= 1.0, "{answer:?}");

@@ -20,7 +20,7 @@ use crate::guidance::mission::{Control, Outcome};
 use crate::landing::observation::PadObservation;
 use crate::landing::{self, Lander};
 use crate::localize::belief;
-use crate::localize::goal::posterior::Estimate;
+use crate::localize::source::support::SourcePosition;
 use crate::mapping::scan::{self, Points, Scan};
 use crate::mapping::{map, tracks};
 use crate::planning::planner::Plan;
@@ -137,7 +137,7 @@ pub struct Output {
     /// The temporary target that guidance follows now.
     pub target_ned_m: Option<Horizontal>,
     /// The estimated position of the source, as of the active plan.
-    pub source: Option<Estimate>,
+    pub source: Option<SourcePosition>,
     /// Weight of the leading filter of the source, and its averaged normalised innovation squared.
     pub source_share_and_nis: Option<(f32, f32)>,
     /// State of the landing, once the vehicle has come near the beacon.

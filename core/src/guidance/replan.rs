@@ -75,7 +75,6 @@ impl<const N: usize> Guidance<N> {
             state.belief.around_the_corner(situation.position_ned_m).unwrap_or(Horizontal::from_bearing(bearing_rad));
         let along_m = start_ned_m.minus(situation.position_ned_m).dot(direction);
         let distance_m = self.target_distance_m + if along_m > 0.0 { along_m } else { 0.0 };
-        let (sightings, misled) = state.belief.take_sightings();
         let request = &mut state.plans.request;
         request.id = request.id.wrapping_add(1);
         request.seed = self.seed;
@@ -83,7 +82,6 @@ impl<const N: usize> Guidance<N> {
         request.gust_margin_m = self.wind.margin_m(&state.vehicle.wind);
         request.among_moving = state.surroundings.tracks.all().iter().any(Track::moves);
         request.target_ned_m = situation.position_ned_m.plus(direction.times(distance_m));
-        request.fresh = request.id == 1 || misled;
         request.wants_lines = self.localizer.is_reflected(&state.belief);
         request.begins = state.plans.active.is_none();
         request.position_ned_m = situation.position_ned_m;
@@ -96,7 +94,7 @@ impl<const N: usize> Guidance<N> {
         request.known_source_ned_m = self.known_source_ned_m;
         let pose = Pose { position_ned_m: situation.position_ned_m, yaw_rad: situation.yaw_rad };
         request.search = state.plans.is_searching.then_some(Search { now, pose });
-        request.sightings = sightings;
+        state.belief.support(&mut request.support);
         state.plans.due = Some(state.tick.wrapping_add(self.handover_ticks));
         true
     }

@@ -1,13 +1,10 @@
 //! The belief about the source: everything that the bearings have shown, and the only place where later stages ask.
 //!
 //! Bearings are averaged ([`goal`]) and gathered into sightings ([`gathering`]); the link is classified as direct or
-//! reflected ([`link_state`]); a bank of filters estimates the source's position from the sightings ([`bank`]). A
-//! reflected sighting is passed on as the vehicle's mirror image would have measured it, without the reflection.
+//! reflected ([`link_state`]); a bank of filters estimates the source's position from the sightings ([`bank`]).
 //!
 //! [`goal`]: crate::localize::goal
 //! [`gathering`]: crate::localize::source::gather
-
-use heapless::Vec;
 
 use crate::base::error::ConfigError;
 use crate::base::ned::Horizontal;
@@ -18,11 +15,9 @@ use crate::localize::goal;
 use crate::localize::link_state::{self, Classifier, Sightline};
 use crate::localize::source::bank::{self, Answer, Mode, Path};
 use crate::localize::source::gather::Gathering;
+use crate::localize::source::support::Support;
 use crate::localize::source::{Estimate, Sighting};
 use crate::mapping::walls::Wall;
-
-/// Number of sightings kept for the planner; a new one replaces the oldest.
-pub const SIGHTINGS_MAX: usize = 16;
 
 /// The classifier of reflected and direct links, with the ratio of reflected to direct links.
 const CLASSIFIER: Classifier = Classifier::TRAINED;
@@ -52,10 +47,6 @@ pub struct State {
     bank: bank::State,
     /// The bank's last answer.
     answer: Option<Answer>,
-    /// The position taken for the source was its mirror image.
-    misled: bool,
-    /// The sightings that the planner has not got yet.
-    sightings: Vec<Sighting, SIGHTINGS_MAX>,
 }
 
 impl Localizer {
@@ -147,16 +138,8 @@ impl Localizer {
         let answer = self.bank.step(&mut state.bank, sighting, state.reflected, walls);
         // A reflection is worth following when its origin is known.
         let sure = |answer: &Answer| answer.mode == Mode::Go && answer.share > SURE;
-        let answer = answer.map(|answer| if sure(&answer) { answer } else { Answer { path: Path::Direct, ..answer } });
-        let path = answer.map_or(Path::Direct, |answer| answer.path);
-        let was_direct = state.answer.is_none_or(|answer| answer.path == Path::Direct);
-        state.misled |= was_direct && path != Path::Direct;
-        state.answer = answer;
-        if state.sightings.is_full() {
-            state.sightings.remove(0);
-        }
-        // Cannot fail: there is space now.
-        let _ = state.sightings.push(path.straightened(sighting));
+        state.answer =
+            answer.map(|answer| if sure(&answer) { answer } else { Answer { path: Path::Direct, ..answer } });
     }
 
     /// Whether the link is probably reflected.
@@ -218,9 +201,8 @@ impl State {
         self.reflected = 0.0;
     }
 
-    /// The sightings since the last call, and whether what was learned from those before was about the source's mirror
-    /// image.
-    pub fn take_sightings(&mut self) -> (Vec<Sighting, SIGHTINGS_MAX>, bool) {
-        (core::mem::take(&mut self.sightings), core::mem::take(&mut self.misled))
+    /// Gathers the places where the source may be.
+    pub fn support(&self, support: &mut Support) {
+        self.bank.support(support);
     }
 }

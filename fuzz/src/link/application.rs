@@ -11,7 +11,7 @@ use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::guidance::mission::{Control, Outcome};
 use foxhound_core::guidance::param::{Id, Values};
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
-use foxhound_core::localize::goal::posterior::Estimate;
+use foxhound_core::localize::source::support::SourcePosition;
 
 use super::Draw;
 
@@ -91,7 +91,7 @@ pub(super) fn output(draw: &mut Draw<'_>) -> Output {
             flags: Flags(0),
         });
         let place_ned_m = Horizontal { north: draw.any(-20.0, 20.0), east: draw.any(-20.0, 20.0) };
-        output.source = Some(Estimate { place_ned_m, sigma_m: draw.any(0.0, 2.0) });
+        output.source = Some(SourcePosition { place_ned_m, sigma_m: draw.any(0.0, 2.0) });
     }
     output
 }

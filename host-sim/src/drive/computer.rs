@@ -17,6 +17,7 @@ use foxhound_core::doa::calibration::record::Calibration;
 use foxhound_core::guidance::param::Values;
 use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Output};
+use foxhound_core::localize::source::support::Support;
 use foxhound_core::mapping::tracks::Track;
 use foxhound_core::planning::planner::{Plan, Workspace};
 use foxhound_link::companion::{self, Companion};
@@ -55,6 +56,8 @@ pub struct Considered<'a> {
     pub known: &'a [Disc],
     /// Its answer.
     pub plan: &'a Plan,
+    /// Where the source may be, as the request had it.
+    pub support: &'a Support,
     /// Its samples, if this plan needed any; otherwise the earlier ones.
     pub workspace: &'a Workspace,
 }
@@ -320,7 +323,8 @@ impl Computer for HostComputer {
 
     fn considered(&self) -> Option<Considered<'_>> {
         let plan = self.finished.as_ref()?;
-        Some(Considered { known: &self.known, plan, workspace: &self.workspace })
+        let support = &self.state.request().support;
+        Some(Considered { known: &self.known, plan, support, workspace: &self.workspace })
     }
 }
 

@@ -6,7 +6,7 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::Bearing;
 use foxhound_core::guidance::Output;
 use foxhound_core::guidance::mission::Outcome;
-use foxhound_core::localize::goal::posterior::Estimate;
+use foxhound_core::localize::source::support::SourcePosition;
 use foxhound_link::companion::{Config, Pace};
 use foxhound_link::dialect::*;
 
@@ -22,7 +22,7 @@ fn named_values_are_told_every_0_6_s_each_and_a_direction_with_them() {
     let told = bench.output.as_mut().unwrap();
     told.bearing = Some(bearing());
     told.source_bearing_ned_rad = Some(-1.0);
-    told.source = Some(Estimate { place_ned_m: Horizontal { north: 4.0, east: 6.0 }, sigma_m: 1.0 });
+    told.source = Some(SourcePosition { place_ned_m: Horizontal { north: 4.0, east: 6.0 }, sigma_m: 1.0 });
     told.source_share_and_nis = Some((0.75, 1.25));
     told.outcome = Outcome::GuardBrake;
     // An autopilot that booted 5 s before us and answers after 10 ms.
@@ -103,7 +103,7 @@ fn the_landing_target_is_told_while_the_source_is_known_in_the_form_of_the_autop
         assert_eq!(fly(&mut bench).len(), 0, "nothing is heard");
         let told = bench.output.as_mut().unwrap();
         told.bearing = Some(bearing());
-        told.source = Some(Estimate { place_ned_m: Horizontal { north: 5.0, east: 2.0 }, sigma_m: 1.0 });
+        told.source = Some(SourcePosition { place_ned_m: Horizontal { north: 5.0, east: 2.0 }, sigma_m: 1.0 });
         let targets = fly(&mut bench);
         assert!((9..=11).contains(&targets.len()), "{}", targets.len());
         let target = targets.last().unwrap();

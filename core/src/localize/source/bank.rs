@@ -15,18 +15,17 @@
 //!   (the paper's switch) and from the uncertainty of its range.
 
 use super::polar::{self, Resting};
-use super::{Estimate, Sighting, Update};
+use super::support::Support;
+use super::{Estimate, FILTERS, Sighting, Update};
 use crate::base::error::{ConfigError, check};
 use crate::mapping::walls::Wall;
 
-/// Largest number of filters.
-pub const FILTERS: usize = 4;
 /// A filter whose log-weight is below this is dropped.
 const OVER: f32 = -12.0;
 /// Log-weight that a new filter starts with, relative to the leading one.
 const NEWCOMER: f32 = -2.0;
 /// Number of sightings in a row that no filter explains, after which a filter without history is started.
-const UNEXPLAINED_MAX: u8 = 5;
+const UNEXPLAINED_MAX: u8 = 2;
 /// A sighting is explained when the probability that it is not an outlier is greater than this.
 const EXPLAINED: f32 = 0.5;
 /// Log-likelihood of a sighting for which a hypothesis has no path.
@@ -221,6 +220,17 @@ impl State {
     #[must_use]
     pub fn count(&self) -> usize {
         self.alive().count()
+    }
+
+    /// Gathers the places where the source may be, of all filters.
+    pub fn support(&self, support: &mut Support) {
+        support.clear();
+        let Some(leading) = self.leading() else { return };
+        let weight = |hypothesis: &Hypothesis| libm::expf(hypothesis.log_weight - leading.log_weight);
+        let total: f32 = self.alive().map(weight).sum();
+        for hypothesis in self.alive() {
+            support.add(&hypothesis.filter, weight(hypothesis) / total);
+        }
     }
 
     fn alive(&self) -> impl Iterator<Item = &Hypothesis> {

@@ -3,6 +3,7 @@
 //! - [`polar`], the default: bearing, inverse range and, for a source that moves, its velocity over the range. A
 //!   bearing contains no range; the filter keeps the range uncertain until the vehicle's motion determines it.
 //! - [`bank`]: several such filters, for a source whose signal may be reflected by a wall.
+//! - [`support`]: the places where the source may be, for the planner.
 //! - [`covariance`]: keeps a filter's covariance positive definite.
 //!
 //! The mmWave paper's filters, as printed and repaired, are in the crate `foxhound-papers`.
@@ -14,7 +15,13 @@ mod series;
 pub mod bank;
 pub mod covariance;
 pub mod gather;
+#[cfg(test)]
+mod particles;
 pub mod polar;
+pub mod support;
+
+/// Largest number of filters of the [`bank`].
+pub const FILTERS: usize = 4;
 
 /// A bearing as input of the filters, with the position where it was measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -8,7 +8,7 @@
 //! - [`Kind::Paper`], literally, with eq. 47's `|T_j - T_init|` interpreted as the signed offset point by point (a
 //!   distance cannot be added to a point);
 //! - [`Kind::Standard`], the paper's baseline: the initial trajectory alone;
-//! - [`Kind::Foxhound`], the default: the same samples and waypoints, but with a posterior of the source's position, a
+//! - [`Kind::Foxhound`], the default: the same samples and waypoints, but with the places where the source may be, a
 //!   path there around the remembered obstacles, soft repulsion and a sampled swirl; and only trajectories whose swept
 //!   path keeps its margin may be chosen (`planner/mppi.rs`). If none is safe, the answer is a brake plan. (The paper
 //!   states that sampled trajectories cannot cross obstacles; with finite steps they can.)
@@ -23,9 +23,7 @@ use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Disc, Obstacle};
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
-use crate::localize::belief::SIGHTINGS_MAX;
-use crate::localize::goal::posterior::Estimate;
-use crate::localize::source::Sighting;
+use crate::localize::source::support::{SourcePosition, Support};
 use crate::mapping::map::CIRCLES_MAX;
 use crate::mapping::walls::{self, WALLS_MAX, Wall};
 use crate::planning::explore::{self, Explored};
@@ -220,8 +218,6 @@ pub struct PlanRequest {
     pub id: u32,
     /// Seed of the flight.
     pub seed: u64,
-    /// Start anew: nothing that was learned before is used.
-    pub fresh: bool,
     /// The first request since the vehicle was handed over: obstacles and source stay known, earlier attempts to reach
     /// it are forgotten.
     pub begins: bool,
@@ -233,8 +229,8 @@ pub struct PlanRequest {
     pub position_ned_m: Horizontal,
     /// Averaged unit vector from there to the source; zero when there is none.
     pub direction_ned: Horizontal,
-    /// The sightings of the source since the last request.
-    pub sightings: Vec<Sighting, SIGHTINGS_MAX>,
+    /// Where the source may be.
+    pub support: Support,
     /// How far gusts push the vehicle: its distance to standing obstacles is increased by this.
     pub gust_margin_m: f32,
     /// Whether a moving body is tracked.
@@ -280,7 +276,7 @@ pub struct Plan {
     /// The temporary target that it leads to.
     pub target_ned_m: Horizontal,
     /// The estimated position of the source.
-    pub source: Option<Estimate>,
+    pub source: Option<SourcePosition>,
     /// Result of the search, if one was requested.
     pub search: Option<Searched>,
     /// The lines of reflection among the known obstacles, if they were requested.
@@ -350,12 +346,6 @@ impl Workspace {
             memory: mppi::Memory::new(),
             explore: explore::State::new(),
         }
-    }
-
-    /// The weighted particles of the source's position in [`Kind::Foxhound`]; none before the first sighting. For
-    /// figures and tests.
-    pub fn particles(&self) -> impl Iterator<Item = (Horizontal, f32)> {
-        self.memory.particles()
     }
 
     /// Copies a sample into the plan.

@@ -1,9 +1,9 @@
 //! Foxhound's planner: estimates where the source may be, finds the path around the remembered obstacles, and samples
 //! trajectories over the next two metres.
 //!
-//! 1. The sightings since the last request update the posterior of the source ([`crate::localize::goal::posterior`]).
+//! 1. The source is taken to be in the middle of the places where it may be ([`crate::localize::source::support`]).
 //! 2. A wave from the start gives the length of the path to every place in the window ([`crate::planning::wavefront`]).
-//!    If the source's estimate cannot be reached, the aim is the mean of the particles to which there is a path.
+//!    If the source's estimate cannot be reached, the aim is the mean of the places to which there is a path.
 //! 3. The temporary target is the farthest place on the path that is at most two metres away and in sight.
 //! 4. The paper's ten samples lead to it, with soft gains and a sampled swirl; only those whose swept path keeps its
 //!    margin may be chosen. If there are none, the straight line to the target is flown. If that is not clear either,
@@ -32,18 +32,16 @@ use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Disc, Obstacle};
 use crate::base::rng::Rng;
-use crate::localize::goal::posterior::{Estimate, Posterior};
+use crate::localize::source::support::SourcePosition;
 use crate::mapping::map::CIRCLES_MAX;
 use crate::planning::field::{Field, Gains};
 use crate::planning::rollout::{Cost, SPACING_M, Trajectory, WAYPOINTS, cost, swept_clearance_m};
 use crate::planning::wavefront::{ROUTE_MAX, Window};
 
-/// Stream of the posterior's random numbers.
-const SOURCE_STREAM: u64 = 0x736f_7572_6365;
 /// Within this the source counts as reached.
 const ARRIVAL_M: f32 = 0.3;
 /// Beyond this distance, and while the range is uncertain, the averaged bearing is the better direction; otherwise the
-/// posterior's mean, which does not lag behind when the vehicle passes the source.
+/// places' mean, which does not lag behind when the vehicle passes the source.
 const NEAR_M: f32 = 1.5;
 const VAGUE: f32 = 0.1;
 /// When the source cannot be reached, a place must be nearer to it by this to be flown to.
@@ -54,7 +52,7 @@ const NEARER: f32 = 0.5;
 const PROXIMITY_MAX: f32 = 5.0;
 /// Number of steps in which a place on the path is pushed out of margins.
 const CENTRING_STEPS: usize = 4;
-/// Smallest share of the posterior that must be reachable for the vehicle to fly there.
+/// Smallest share of the places that must be reachable for the vehicle to fly there.
 const REACHABLE_SHARE: f32 = 0.02;
 
 /// Coming nearer to the source by this is progress.
@@ -80,7 +78,6 @@ const CREDIT: u16 = 20;
 /// Foxhound's planner's memory and workspace.
 #[derive(Clone, Debug)]
 pub(super) struct Memory {
-    posterior: Posterior,
     window: Window,
     /// The path found in the wide window.
     path: Vec<Horizontal, ROUTE_MAX>,
@@ -144,12 +141,7 @@ impl Progress {
 
 impl Memory {
     pub(super) const fn new() -> Self {
-        Self { posterior: Posterior::new(), window: Window::new(), path: Vec::new(), progress: Progress::NONE }
-    }
-
-    /// The posterior of the source, once there is one.
-    pub(super) fn particles(&self) -> impl Iterator<Item = (Horizontal, f32)> {
-        self.posterior.particles().filter(|_| self.posterior.is_started())
+        Self { window: Window::new(), path: Vec::new(), progress: Progress::NONE }
     }
 }
 
@@ -171,10 +163,10 @@ pub(super) fn plan(
     let Planner { config, vehicle, wavefront, .. } = planner;
     let start = request.start_ned_m;
     let mut rng = Rng::new(request.seed, u64::from(request.id));
-    let source = locate(&mut workspace.memory.posterior, request, known);
+    let source = locate(request, known);
     let toward = source.map_or(request.target_ned_m, |source| source.place_ned_m);
 
-    let Memory { posterior, window, path, progress } = &mut workspace.memory;
+    let Memory { window, path, progress } = &mut workspace.memory;
     if request.begins {
         *progress = Progress::NONE;
         path.clear();
@@ -218,7 +210,8 @@ pub(super) fn plan(
         };
     }
     wavefront.march(window, start, toward, if far { FAR_SCALE } else { 1.0 }, &workspace.obstacles);
-    let aim = aim(window, posterior, &workspace.obstacles, (progress, &*path), toward);
+    let support = if known.is_some() { &[] } else { request.support.places() };
+    let aim = aim(window, support, &workspace.obstacles, (progress, &*path), toward);
     // From here on only the obstacles that matter within the horizon, with their sigma.
     keep_off(&mut workspace.obstacles, false);
     workspace.obstacles.retain(near);
@@ -263,18 +256,13 @@ pub(super) fn plan(
     plan
 }
 
-/// The estimated position of the source: along the averaged bearing, at the posterior's range. Near the source, and
-/// when the bearing does not agree, the posterior's mean.
-fn locate(posterior: &mut Posterior, request: &PlanRequest, known: Option<Horizontal>) -> Option<Estimate> {
+/// The position of the source: along the averaged bearing, at the mean range of the places where it may be. Near the
+/// source, and when the bearing does not agree, their mean.
+fn locate(request: &PlanRequest, known: Option<Horizontal>) -> Option<SourcePosition> {
     if let Some(place_ned_m) = known {
-        return Some(Estimate { place_ned_m, sigma_m: 0.0 });
+        return Some(SourcePosition { place_ned_m, sigma_m: 0.0 });
     }
-    if request.fresh {
-        *posterior = Posterior::new();
-    }
-    let mut rng = Rng::new(request.seed, SOURCE_STREAM ^ u64::from(request.id));
-    posterior.observe(&request.sightings, &mut rng);
-    let mut source = posterior.estimate()?;
+    let mut source = request.support.mean()?;
     let range_m = source.place_ned_m.minus(request.position_ned_m).dot(request.direction_ned);
     if range_m > NEAR_M && source.sigma_m > VAGUE * range_m {
         source.place_ned_m = request.position_ned_m.plus(request.direction_ned.times(range_m));
@@ -285,7 +273,7 @@ fn locate(posterior: &mut Posterior, request: &PlanRequest, known: Option<Horizo
 /// The place to fly to in the window.
 fn aim(
     window: &mut Window,
-    posterior: &Posterior,
+    support: &[(Horizontal, f32)],
     obstacles: &[Obstacle],
     (progress, path): (&mut Progress, &[Horizontal]),
     source: Horizontal,
@@ -308,9 +296,9 @@ fn aim(
     }
     // The estimate cannot be reached: try the other places where the source may be and to which there is a path.
     let (mut sum, mut share) = (Horizontal::default(), 0.0);
-    for (particle, weight) in posterior.particles() {
-        if is_within_reach(window, particle) {
-            sum = sum.plus(particle.times(weight));
+    for &(place, weight) in support {
+        if is_within_reach(window, place) {
+            sum = sum.plus(place.times(weight));
             share += weight;
         }
     }
@@ -319,12 +307,12 @@ fn aim(
         if let Some(place) = approach(window, mean) {
             return hopeful(place);
         }
-        // The mean of the reachable particles is not always reachable itself.
+        // The mean of the reachable places is not always reachable itself.
         let mut nearest = (f32::INFINITY, mean);
-        for (particle, weight) in posterior.particles() {
-            let distance = particle.minus(mean).norm_squared();
-            if weight > 0.0 && distance < nearest.0 && is_within_reach(window, particle) {
-                nearest = (distance, particle);
+        for &(place, weight) in support {
+            let distance = place.minus(mean).norm_squared();
+            if weight > 0.0 && distance < nearest.0 && is_within_reach(window, place) {
+                nearest = (distance, place);
             }
         }
         if let Some(place) = approach(window, nearest.1) {

@@ -7,7 +7,7 @@ use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::{Disc, Obstacle};
 use foxhound_core::base::rng::Rng;
 use foxhound_core::base::units::wrap_pi;
-use foxhound_core::localize::source::Sighting;
+use foxhound_core::localize::source::{Sighting, polar};
 use foxhound_core::planning::field::{Field, Gains};
 use foxhound_core::planning::planner::{self, Kind, PlanRequest, Planner, SAMPLES, Workspace};
 use foxhound_core::planning::rollout::{Cost, SPACING_M, Scene, Trajectory, WAYPOINTS};
@@ -139,18 +139,17 @@ pub(super) fn replan(measure: &impl Fn(&mut dyn FnMut()) -> u32, planner: &Plann
     let mut rng = Rng::new(1, 1);
     let mut request = PlanRequest {
         id: 1,
-        fresh: true,
         begins: true,
         target_ned_m: Horizontal { north: 2.0, east: 0.0 },
         direction_ned: Horizontal { north: 1.0, east: 0.0 },
         ..PlanRequest::default()
     };
-    // As many as come between two replans.
-    for _ in 0..7 {
-        let direction_ned = request.direction_ned;
-        let sighting = Sighting { direction_ned, sigma_rad: 0.03, since_s: 0.1, ..Sighting::default() };
-        let _ = request.sightings.push(sighting);
+    let mut filter = polar::State::new();
+    let sighting = Sighting { direction_ned: request.direction_ned, sigma_rad: 0.03, ..Sighting::default() };
+    if let Ok(stage) = polar::Config::DEFAULT.build() {
+        stage.step(&mut filter, &sighting);
     }
+    request.support.add(&filter, 1.0);
     let known: [Disc; OBSTACLES] = core::array::from_fn(|_| Disc {
         center_ned_m: Horizontal { north: 8.0 * rng.uniform() - 3.0, east: 8.0 * rng.uniform() - 4.0 },
         radius_m: 0.1 + 0.2 * rng.uniform(),
@@ -162,7 +161,7 @@ pub(super) fn replan(measure: &impl Fn(&mut dyn FnMut()) -> u32, planner: &Plann
         worst = worst.max(measure(&mut || {
             black_box(planner.plan(workspace, black_box(&request), black_box(&known)));
         }));
-        (request.id, request.fresh, request.begins) = (request.id + 1, false, false);
+        (request.id, request.begins) = (request.id + 1, false);
     }
     row("replan_64", worst, 1_700_000);
 }

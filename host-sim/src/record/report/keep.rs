@@ -5,7 +5,7 @@
 //! | record | kept |
 //! |---|---|
 //! | step | one in [`STEPS`], that in which the guard did the most; the last; every one in which the outcome or the stage of the landing changes, and every one nearer to a pillar than all before |
-//! | plan | every one; with its samples, particles, circles and potential one in [`DETAILS_S`] |
+//! | plan | every one; with its samples, places, circles and potential one in [`DETAILS_S`] |
 //! | obstacle map | one in [`MAPS_S`], the last before a pause always |
 //! | people, tracks | one in [`MOVING_S`], the last before a pause always |
 //! | picture | one in [`PICTURES_S`]; in the landing, every one |
@@ -174,7 +174,7 @@ impl Kept {
             plan.field = None;
             plan.samples = Vec::new();
             plan.circles_m = Vec::new();
-            plan.particles = Vec::new();
+            plan.places = Vec::new();
         }
         self.records.push(Record::Plan(plan));
     }

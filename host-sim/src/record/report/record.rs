@@ -296,14 +296,14 @@ pub struct Plan {
     /// The obstacles in the planner's request: x, y, radius.
     pub circles_m: Vec<[f64; 3]>,
     /// Likely positions of the source: x, y, weight.
-    pub particles: Vec<[f64; 3]>,
+    pub places: Vec<[f64; 3]>,
     /// Their mean and covariance: xx, xy, yy.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub belief: Option<Belief>,
     /// The potential around the start.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub field: Option<Field>,
-    /// Whether its samples, circles, particles and potential were left out.
+    /// Whether its samples, circles, places and potential were left out.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub thinned: bool,
     /// Hash over everything so far.

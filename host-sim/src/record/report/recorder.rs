@@ -31,8 +31,8 @@ const SIGNAL_STEPS: u64 = 10;
 /// Half the side of the raster of the potential, in steps, and the step: a little more than the horizon.
 const FIELD_HALF: i32 = 22;
 const FIELD_STEP_M: f32 = 0.1;
-/// Particles with less than this share of the largest weight are left out.
-const PARTICLE_MIN: f32 = 1e-2;
+/// Places with less than this share of the largest weight are left out.
+const PLACE_MIN: f32 = 1e-2;
 
 /// Makes the records of a flight.
 #[derive(Debug)]
@@ -238,7 +238,7 @@ fn track(body: &tracks::Track) -> Track {
 
 /// A plan, without its time and trace.
 fn plan((config, radius_m): (&planner::Config, f32), considered: &Considered<'_>, draws: bool) -> Plan {
-    let Considered { known, plan, workspace } = considered;
+    let Considered { known, plan, support, workspace } = considered;
     let chosen = (0..SAMPLES).find(|index| {
         draws && workspace.samples[*index] == plan.waypoints_ned_m && workspace.gains[*index] == plan.gains
     });
@@ -251,9 +251,9 @@ fn plan((config, radius_m): (&planner::Config, f32), considered: &Considered<'_>
         _ => Origin::Bent,
     };
     let obstacles: Vec<Obstacle> = known.iter().map(|disc| Obstacle::of(disc, radius_m)).collect();
-    let particles: Vec<(ned::Horizontal, f32)> = workspace.particles().collect();
-    let heaviest = particles.iter().map(|(_, weight)| *weight).fold(0.0, f32::max);
-    let kept = particles.iter().filter(|(_, weight)| *weight > PARTICLE_MIN * heaviest);
+    let places = if config.kind == planner::Kind::Foxhound { support.places() } else { &[] };
+    let heaviest = places.iter().map(|(_, weight)| *weight).fold(0.0, f32::max);
+    let kept = places.iter().filter(|(_, weight)| *weight > PLACE_MIN * heaviest);
     Plan {
         time_s: 0.0,
         trace: String::new(),
@@ -268,8 +268,8 @@ fn plan((config, radius_m): (&planner::Config, f32), considered: &Considered<'_>
         samples: if draws { samples(workspace) } else { Vec::new() },
         chosen,
         circles_m: circles(known.iter().copied()),
-        particles: kept.map(|(place, weight)| particle(*place, weight / heaviest)).collect(),
-        belief: belief(&particles),
+        places: kept.map(|(at, weight)| place(*at, weight / heaviest)).collect(),
+        belief: belief(places),
         field: Some(potential(config, plan, &obstacles)),
         thinned: false,
     }
@@ -295,17 +295,17 @@ fn gains(gains: &field::Gains) -> Gains {
     Gains { k_att, k_rep, influence_m, swirl }
 }
 
-fn particle(place: ned::Horizontal, weight: f32) -> [f64; 3] {
+fn place(place: ned::Horizontal, weight: f32) -> [f64; 3] {
     [rounded(f64::from(place.east), 2), rounded(f64::from(place.north), 2), rounded(f64::from(weight), 2)]
 }
 
-/// The moments of the particles; `None` without particles.
-fn belief(particles: &[(ned::Horizontal, f32)]) -> Option<Belief> {
+/// The moments of the places; `None` without places.
+fn belief(places: &[(ned::Horizontal, f32)]) -> Option<Belief> {
     let sum = |of: &dyn Fn(f64, f64) -> f64| {
         let one = |(place, weight): &(ned::Horizontal, f32)| {
             f64::from(*weight) * of(f64::from(place.east), f64::from(place.north))
         };
-        particles.iter().map(one).sum::<f64>()
+        places.iter().map(one).sum::<f64>()
     };
     let (x, y) = (sum(&|x, _| x), sum(&|_, y| y));
     let covariance_m2 = [
@@ -314,7 +314,7 @@ fn belief(particles: &[(ned::Horizontal, f32)]) -> Option<Belief> {
         sum(&|_, at_y| (at_y - y) * (at_y - y)),
     ];
     let belief = Belief { mean_m: [milli(x), milli(y)], covariance_m2: covariance_m2.map(|value| rounded(value, 5)) };
-    (!particles.is_empty()).then_some(belief)
+    (!places.is_empty()).then_some(belief)
 }
 
 /// The potential that the followed trajectory descends, and that of the mean gains, from the core's own field.

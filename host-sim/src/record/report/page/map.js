@@ -216,9 +216,9 @@ function drawSamples({ context, at, plan }) {
   disc(context, at(plan.target_m), 5, { fill: colors.ground, stroke: colors.orange, width: 2 });
 }
 
-/** The particles, and the ellipse of two standard deviations. */
+/** The places where the source may be, and the ellipse of two standard deviations. */
 function drawBelief({ context, at, plan }) {
-  for (const [x, y, weight] of plan.particles) {
+  for (const [x, y, weight] of plan.places) {
     disc(context, at([x, y]), 1.6, { fill: colors.purple, alpha: 0.15 + 0.5 * weight });
   }
   if (!plan.belief) return;

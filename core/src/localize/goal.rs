@@ -17,8 +17,6 @@ use crate::base::time::Instant;
 use crate::base::units::asin;
 use crate::doa::bearing::Bearing;
 
-pub mod posterior;
-
 /// The array counts as level towards the source when the angle between its plane and the horizon there is less than
 /// this.
 const LEVEL_RAD: f32 = 0.03;
