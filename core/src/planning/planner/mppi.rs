@@ -99,6 +99,8 @@ struct Progress {
     until_far: Option<u16>,
     /// Replans that bent the path to learn the range.
     bends: u8,
+    /// The place to fly to while the source cannot be reached.
+    resort_ned_m: Option<Horizontal>,
 }
 
 impl Progress {
@@ -110,10 +112,11 @@ impl Progress {
         patience: 0,
         until_far: None,
         bends: 0,
+        resort_ned_m: None,
     };
 
     fn new(closest_ned_m: Horizontal, spent: u16) -> Self {
-        Self { has_begun: true, closest_ned_m, since: 0, spent, patience: PATIENCE, until_far: None, bends: 0 }
+        Self { has_begun: true, closest_ned_m, spent, patience: PATIENCE, ..Self::NONE }
     }
 
     /// Updates the counters for one replan.
@@ -319,7 +322,14 @@ fn aim(
             return hopeful(place);
         }
     }
-    Some(Aim { place_ned_m: window.nearest_reached(source)?, hopeful: false })
+    // Often several places are about as near to it: one is kept, or the vehicle would fly to and fro between them.
+    let off_m = |place: Horizontal| place.minus(source).norm();
+    let nearest = window.nearest_reached(source)?;
+    let is_as_near =
+        |place: &Horizontal| window.arrival_m(*place).is_some() && off_m(*place) < off_m(nearest) + WORTH_M;
+    let place_ned_m = progress.resort_ned_m.filter(is_as_near).unwrap_or(nearest);
+    progress.resort_ned_m = Some(place_ned_m);
+    Some(Aim { place_ned_m, hopeful: false })
 }
 
 /// The reachable place from which a source at `place` counts as reached; if `place` is outside the window, the best
