@@ -55,6 +55,8 @@ pub struct Planning<S: 'static> {
     is_ordered: bool,
     /// The next answer belongs to a flight that has ended.
     is_stale: bool,
+    /// The systems have changed since the last request.
+    is_new: bool,
 }
 
 /// The planner's side.
@@ -66,7 +68,7 @@ pub struct Desk<S: 'static> {
 /// A request to the planner.
 #[derive(Clone, Debug)]
 struct Order {
-    /// The systems to use.
+    /// The systems to use. There is one order, written in place: they stay from request to request.
     systems: Systems,
     /// The request.
     request: PlanRequest,
@@ -86,7 +88,7 @@ pub fn planning<S: Samples>(shared: &'static Shared<S>) -> Result<(Planning<S>, 
     let planned = shared.planned.init(planned);
     let (order_tx, order_rx) = shared.orders.init_with(|| Channel::new(order)).split();
     let (plan_tx, plan_rx) = shared.plans.init_with(|| Channel::new(planned)).split();
-    let planning = Planning { orders: order_tx, plans: plan_rx, is_ordered: false, is_stale: false };
+    let planning = Planning { orders: order_tx, plans: plan_rx, is_ordered: false, is_stale: false, is_new: true };
     Ok((planning, Desk { orders: order_rx, plans: plan_tx }))
 }
 
@@ -108,17 +110,19 @@ impl<S: Samples> Planning<S> {
         }
     }
 
-    /// Earlier requests are of no use any more.
+    /// Earlier requests are of no use any more, and the systems may have changed.
     pub(super) fn begin_anew<B: Board>(&mut self) {
         self.take::<B>();
-        self.is_stale = self.is_ordered;
+        (self.is_stale, self.is_new) = (self.is_ordered, true);
     }
 
     /// Requests a plan; false if the planner is busy.
     #[inline(never)]
     pub(super) fn order(&mut self, flight: &Flight<'_>) -> bool {
         let Some(order) = self.orders.try_send() else { return false };
-        order.systems.clone_from(flight.systems);
+        if core::mem::take(&mut self.is_new) {
+            order.systems.clone_from(flight.systems);
+        }
         order.request.clone_from(flight.state.request());
         order.known.clear();
         for disc in flight.state.map().discs() {
