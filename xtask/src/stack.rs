@@ -76,6 +76,11 @@ const INDIRECT: &[(&str, &[&str])] = &[
     ("LPUART1", &["embassy_executor::raw::waker::*"]),
     ("DMA1_CHANNEL*", &["embassy_executor::raw::waker::*"]),
     ("_embassy_time_schedule_wake", &["embassy_executor::raw::waker::*"]),
+    // A parameter's field is found by a function of its row.
+    (
+        "foxhound_core::guidance::param::Values::*",
+        &["foxhound_core::guidance::param::parts::*", "core::ops::function::FnOnce::call_once"],
+    ),
     // What the store keeps is its own.
     ("sequential_storage::*", &["<foxhound_computer::store::record::Record as *"]),
     // The log writes into a buffer in both modes.

@@ -1,53 +1,22 @@
-//! The parameters by name, as constants.
+//! The parameters that are asked for by name, as constants.
 #![expect(missing_docs, reason = "the table says it")]
 
 use super::Id;
 
 pub const FH_SPD_MAX: Id = Id::of("FH_SPD_MAX");
-pub const FH_SPD_EVADE: Id = Id::of("FH_SPD_EVADE");
-pub const FH_SPD_Z_MAX: Id = Id::of("FH_SPD_Z_MAX");
-pub const FH_ACC_MAX: Id = Id::of("FH_ACC_MAX");
-pub const FH_JERK_MAX: Id = Id::of("FH_JERK_MAX");
-pub const FH_YAWR_MAX: Id = Id::of("FH_YAWR_MAX");
-pub const FH_DEAD_TIME: Id = Id::of("FH_DEAD_TIME");
 pub const FH_LAG: Id = Id::of("FH_LAG");
 pub const FH_RADIUS: Id = Id::of("FH_RADIUS");
-pub const FH_MARGIN: Id = Id::of("FH_MARGIN");
 pub const FH_MARGIN_TGT: Id = Id::of("FH_MARGIN_TGT");
-pub const FH_MARGIN_GRD: Id = Id::of("FH_MARGIN_GRD");
-pub const FH_APPR_RATE: Id = Id::of("FH_APPR_RATE");
-pub const FH_ALT_BAND: Id = Id::of("FH_ALT_BAND");
-pub const FH_FENCE_MRG: Id = Id::of("FH_FENCE_MRG");
 pub const FH_OBS_FOV: Id = Id::of("FH_OBS_FOV");
 pub const FH_OBS_RANGE: Id = Id::of("FH_OBS_RANGE");
-pub const FH_OBS_MIN: Id = Id::of("FH_OBS_MIN");
-pub const FH_OBS_SIDE: Id = Id::of("FH_OBS_SIDE");
-pub const FH_START_CLR: Id = Id::of("FH_START_CLR");
 pub const FH_OBS_SRC: Id = Id::of("FH_OBS_SRC");
 pub const FH_LDR_YAW: Id = Id::of("FH_LDR_YAW");
-pub const FH_TGT_DIST: Id = Id::of("FH_TGT_DIST");
-pub const FH_RPL_TIME: Id = Id::of("FH_RPL_TIME");
 pub const FH_RPL_WPT: Id = Id::of("FH_RPL_WPT");
-pub const FH_BENDS: Id = Id::of("FH_BENDS");
-pub const FH_REFLECT: Id = Id::of("FH_REFLECT");
 pub const FH_SRCH_TIME: Id = Id::of("FH_SRCH_TIME");
 pub const FH_SRCH_R: Id = Id::of("FH_SRCH_R");
-pub const FH_POS_AGE: Id = Id::of("FH_POS_AGE");
-pub const FH_ATT_AGE: Id = Id::of("FH_ATT_AGE");
-pub const FH_OBS_AGE: Id = Id::of("FH_OBS_AGE");
-pub const FH_OBS_REQ: Id = Id::of("FH_OBS_REQ");
-pub const FH_BRG_AGE: Id = Id::of("FH_BRG_AGE");
-pub const FH_NOPATH_T: Id = Id::of("FH_NOPATH_T");
-pub const FH_STALL_T: Id = Id::of("FH_STALL_T");
-pub const FH_STALL_R: Id = Id::of("FH_STALL_R");
-pub const FH_WAVELEN: Id = Id::of("FH_WAVELEN");
 pub const FH_ARR_SIDE: Id = Id::of("FH_ARR_SIDE");
 pub const FH_CAL_REQ: Id = Id::of("FH_CAL_REQ");
-pub const FH_CH_SIGMA: Id = Id::of("FH_CH_SIGMA");
-pub const FH_SMP_RATE: Id = Id::of("FH_SMP_RATE");
 pub const FH_TONE: Id = Id::of("FH_TONE");
-pub const FH_TONE_LO: Id = Id::of("FH_TONE_LO");
-pub const FH_TONE_HI: Id = Id::of("FH_TONE_HI");
 pub const FH_TURN: Id = Id::of("FH_TURN");
 pub const FH_TURN_RATE: Id = Id::of("FH_TURN_RATE");
 pub const FH_TURN_CH: Id = Id::of("FH_TURN_CH");

@@ -1,18 +1,21 @@
-//! The parameters that an operator tunes, each with its name, unit, range, default and a sentence of description.
+//! The parameters that an operator tunes, each with its name, unit, range, default, the field of the configuration that
+//! holds it, and a sentence of description.
 //!
 //! There is one [`TABLE`]. The ground station's list, the checks of values, the manual's page and the command
 //! `foxhound params` all come from it. Every value is a 32-bit float, so that the packing of integers is never
 //! ambiguous; a [`Kind::Whole`] accepts whole numbers only.
 //!
-//! The rows are constants. The firmware contains only a compact form, computed at compile time: name, range, default
-//! and kind, 32 bytes each. Units and descriptions are not linked.
+//! The rows are constants. The firmware contains only a compact form, computed at compile time: name, range, default,
+//! kind and field, 44 bytes each. Units and descriptions are not linked.
 //!
 //! Parameters of guidance go into its configuration ([`Values::apply`]); the link reads its own by their [`Id`]. Here
 //! each value is checked by itself; only `guidance::Config::build` can tell whether all of them fit together.
 
-mod apply;
 mod id;
+mod parts;
 mod table;
+
+use crate::guidance::Config;
 
 pub use id::*;
 pub use table::TABLE;
@@ -32,8 +35,21 @@ pub enum Kind {
     Whole,
 }
 
+/// Where a value is.
+#[derive(Clone, Copy, Debug)]
+pub enum Field {
+    /// A field of the configuration of guidance.
+    Value(fn(&mut Config) -> &mut f32),
+    /// The same, 0 or 1.
+    Switch(fn(&mut Config) -> &mut bool),
+    /// What is not a field by itself: how it is read, if the configuration has it, and written.
+    Parts(fn(&Config) -> Option<f32>, fn(&Values, &mut Config)),
+    /// The link reads it by its [`Id`].
+    Link,
+}
+
 /// One row of the table.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 pub struct Param {
     /// Name, in upper case.
     pub name: &'static str,
@@ -47,6 +63,8 @@ pub struct Param {
     pub max: f32,
     /// Kind of values.
     pub kind: Kind,
+    /// Where the value is.
+    pub field: Field,
     /// Description.
     pub doc: &'static str,
 }
@@ -59,15 +77,17 @@ struct Wire {
     min: f32,
     max: f32,
     kind: Kind,
+    field: Field,
 }
 
 static WIRE: [Wire; COUNT] = wire();
 
 const fn wire() -> [Wire; COUNT] {
-    let mut wire = [Wire { name: [0; NAME_MAX], default: 0.0, min: 0.0, max: 0.0, kind: Kind::Real }; COUNT];
+    let mut wire =
+        [Wire { name: [0; NAME_MAX], default: 0.0, min: 0.0, max: 0.0, kind: Kind::Real, field: Field::Link }; COUNT];
     let mut row = 0;
     while row < COUNT {
-        let Param { name, default, min, max, kind, .. } = TABLE[row];
+        let Param { name, default, min, max, kind, field, .. } = TABLE[row];
         let name = name.as_bytes();
         let mut at = 0;
         // A longer name does not compile.
@@ -75,7 +95,8 @@ const fn wire() -> [Wire; COUNT] {
             wire[row].name[at] = name[at];
             at += 1;
         }
-        (wire[row].default, wire[row].min, wire[row].max, wire[row].kind) = (default, min, max, kind);
+        (wire[row].default, wire[row].min, wire[row].max) = (default, min, max);
+        (wire[row].kind, wire[row].field) = (kind, field);
         row += 1;
     }
     wire
@@ -303,6 +324,44 @@ impl Values {
             *slot = value + 0.0;
         }
         Ok(())
+    }
+
+    /// The parameters that correspond to a configuration of guidance. A value that the table cannot express gets its
+    /// default, and so do the parameters of the link.
+    #[must_use]
+    pub fn of(config: &Config) -> Self {
+        let (mut values, mut fields) = (Self::DEFAULT, *config);
+        for id in Id::all() {
+            let value = match id.wire().field {
+                Field::Value(field) => Some(*field(&mut fields)),
+                Field::Switch(field) => Some(f32::from(u8::from(*field(&mut fields)))),
+                Field::Parts(read, _) => read(config),
+                Field::Link => None,
+            };
+            if let Some(value) = value {
+                // If refused, it stays the default.
+                let _ = values.set(id, value);
+            }
+        }
+        values
+    }
+
+    /// Writes every parameter of guidance into its configuration. The antennas become the square of `FH_ARR_SIDE`;
+    /// fields without a parameter are unchanged.
+    pub fn apply(&self, config: &mut Config) {
+        for id in Id::all() {
+            self.apply_one(id, config);
+        }
+    }
+
+    /// Writes one parameter into the configuration; parameters of the link have no field there.
+    pub fn apply_one(&self, id: Id, config: &mut Config) {
+        match id.wire().field {
+            Field::Value(field) => *field(config) = self.get(id),
+            Field::Switch(field) => *field(config) = self.is_on(id),
+            Field::Parts(_, write) => write(self, config),
+            Field::Link => {}
+        }
     }
 
     /// Sets the value of a parameter by name.

@@ -1,4 +1,3 @@
-use std::vec;
 use std::vec::Vec;
 
 use super::*;
@@ -6,75 +5,83 @@ use crate::base::error::Why;
 use crate::control::guard::Fence;
 use crate::guidance::{self, turning};
 
+fn named(name: &str) -> Id {
+    Id::named(name.as_bytes()).unwrap()
+}
+
 type Place = fn(&guidance::Config) -> f32;
 
 /// The field of each parameter of guidance, written a second time; in degrees where the table is.
-const PLACES: &[(Id, Place)] = &[
-    (FH_SPD_MAX, |c| c.guard.v_max_mps),
-    (FH_SPD_EVADE, |c| c.guard.evade_max_mps),
-    (FH_SPD_Z_MAX, |c| c.guard.v_down_max_mps),
-    (FH_ACC_MAX, |c| c.guard.a_max_mps2),
-    (FH_JERK_MAX, |c| c.guard.jerk_max_mps3),
-    (FH_YAWR_MAX, |c| c.guard.yaw_rate_max_radps),
-    (FH_DEAD_TIME, |c| c.vehicle_model.dead_time_s),
-    (FH_LAG, |c| c.vehicle_model.lag_s),
-    (FH_RADIUS, |c| c.vehicle.radius_m),
-    (FH_MARGIN, |c| c.planner.margin_m),
-    (FH_MARGIN_TGT, |c| c.planner.tight_margin_m),
-    (FH_MARGIN_GRD, |c| c.guard.margin_m),
-    (FH_APPR_RATE, |c| c.guard.approach_rate_per_s),
-    (FH_ALT_BAND, |c| c.guard.altitude_band_m),
-    (FH_FENCE_MRG, |c| c.guard.fence_margin_m),
-    (FH_FENCE_R, |c| match c.guard.fence {
+const PLACES: &[(&str, Place)] = &[
+    ("FH_SPD_MAX", |c| c.guard.v_max_mps),
+    ("FH_SPD_EVADE", |c| c.guard.evade_max_mps),
+    ("FH_SPD_Z_MAX", |c| c.guard.v_down_max_mps),
+    ("FH_ACC_MAX", |c| c.guard.a_max_mps2),
+    ("FH_JERK_MAX", |c| c.guard.jerk_max_mps3),
+    ("FH_YAWR_MAX", |c| c.guard.yaw_rate_max_radps),
+    ("FH_DEAD_TIME", |c| c.vehicle_model.dead_time_s),
+    ("FH_LAG", |c| c.vehicle_model.lag_s),
+    ("FH_RADIUS", |c| c.vehicle.radius_m),
+    ("FH_MARGIN", |c| c.planner.margin_m),
+    ("FH_MARGIN_TGT", |c| c.planner.tight_margin_m),
+    ("FH_MARGIN_GRD", |c| c.guard.margin_m),
+    ("FH_APPR_RATE", |c| c.guard.approach_rate_per_s),
+    ("FH_ALT_BAND", |c| c.guard.altitude_band_m),
+    ("FH_FENCE_MRG", |c| c.guard.fence_margin_m),
+    ("FH_FENCE_R", |c| match c.guard.fence {
         Fence::Circle { radius_m, .. } => radius_m,
         _ => 0.0,
     }),
-    (FH_OBS_FOV, |c| c.sensor.fov_rad.to_degrees()),
-    (FH_OBS_RANGE, |c| c.sensor.range_m),
-    (FH_OBS_MIN, |c| c.guard.coverage.smallest_obstacle_m),
-    (FH_OBS_SIDE, |c| c.guard.out_of_view_share),
-    (FH_START_CLR, |c| c.guard.coverage.start_clearance_m),
-    (FH_OBS_SRC, |c| c.lidar.map_or(0.0, |lidar| 1.0 + f32::from(u8::from(lidar.is_upside_down)))),
-    (FH_LDR_YAW, |c| c.lidar.unwrap_or_default().yaw_rad.to_degrees()),
-    (FH_TGT_DIST, |c| c.goal.target_distance_m),
-    (FH_RPL_TIME, |c| c.replan_after_s),
-    (FH_RPL_WPT, |c| f32::from(c.replan_at_waypoint)),
-    (FH_BENDS, |c| f32::from(u8::from(c.planner.bends))),
-    (FH_REFLECT, |c| f32::from(u8::from(c.reflections))),
-    (FH_SRCH_TIME, |c| c.planner.explore.map_or(0.0, |explore| explore.limit_s)),
-    (FH_SRCH_R, |c| c.planner.explore.unwrap_or_default().radius_m),
-    (FH_POS_AGE, |c| c.mission.position_age_max_s),
-    (FH_ATT_AGE, |c| c.mission.attitude_age_max_s),
-    (FH_OBS_AGE, |c| c.mission.obstacles_age_max_s),
-    (FH_OBS_REQ, |c| f32::from(u8::from(c.mission.obstacles_required))),
-    (FH_BRG_AGE, |c| c.mission.bearing_age_max_s),
-    (FH_NOPATH_T, |c| c.mission.no_path_max_s),
-    (FH_STALL_T, |c| c.mission.stall_s),
-    (FH_STALL_R, |c| c.mission.stall_radius_m),
-    (FH_WAVELEN, |c| c.array.wavelength_m),
-    (FH_ARR_SIDE, |c| c.array.antennas_m[0][1] - c.array.antennas_m[1][1]),
-    (FH_ARR_SIDE, |c| c.array.antennas_m[0][0] - c.array.antennas_m[3][0]),
-    (FH_CAL_REQ, |c| f32::from(u8::from(c.array.require_calibration))),
-    (FH_CH_SIGMA, |c| c.bearing.channel_sigma_rad),
-    (FH_SMP_RATE, |c| c.phase.sample_rate_hz),
-    (FH_TONE, |c| c.phase.tone_hz.unwrap_or(0.0)),
-    (FH_TONE_LO, |c| c.phase.tone_band_hz[0]),
-    (FH_TONE_HI, |c| c.phase.tone_band_hz[1]),
-    (FH_TURN, |c| match c.turning.map(|turning| turning.role) {
+    ("FH_OBS_FOV", |c| c.sensor.fov_rad.to_degrees()),
+    ("FH_OBS_RANGE", |c| c.sensor.range_m),
+    ("FH_OBS_MIN", |c| c.guard.coverage.smallest_obstacle_m),
+    ("FH_OBS_SIDE", |c| c.guard.out_of_view_share),
+    ("FH_START_CLR", |c| c.guard.coverage.start_clearance_m),
+    ("FH_OBS_SRC", |c| c.lidar.map_or(0.0, |lidar| 1.0 + f32::from(u8::from(lidar.is_upside_down)))),
+    ("FH_LDR_YAW", |c| c.lidar.unwrap_or_default().yaw_rad.to_degrees()),
+    ("FH_TGT_DIST", |c| c.goal.target_distance_m),
+    ("FH_RPL_TIME", |c| c.replan_after_s),
+    ("FH_RPL_WPT", |c| f32::from(c.replan_at_waypoint)),
+    ("FH_BENDS", |c| f32::from(u8::from(c.planner.bends))),
+    ("FH_REFLECT", |c| f32::from(u8::from(c.reflections))),
+    ("FH_SRCH_TIME", |c| c.planner.explore.map_or(0.0, |explore| explore.limit_s)),
+    ("FH_SRCH_R", |c| c.planner.explore.unwrap_or_default().radius_m),
+    ("FH_POS_AGE", |c| c.mission.position_age_max_s),
+    ("FH_ATT_AGE", |c| c.mission.attitude_age_max_s),
+    ("FH_OBS_AGE", |c| c.mission.obstacles_age_max_s),
+    ("FH_OBS_REQ", |c| f32::from(u8::from(c.mission.obstacles_required))),
+    ("FH_BRG_AGE", |c| c.mission.bearing_age_max_s),
+    ("FH_NOPATH_T", |c| c.mission.no_path_max_s),
+    ("FH_STALL_T", |c| c.mission.stall_s),
+    ("FH_STALL_R", |c| c.mission.stall_radius_m),
+    ("FH_WAVELEN", |c| c.array.wavelength_m),
+    ("FH_ARR_SIDE", |c| c.array.antennas_m[0][1] - c.array.antennas_m[1][1]),
+    ("FH_ARR_SIDE", |c| c.array.antennas_m[0][0] - c.array.antennas_m[3][0]),
+    ("FH_CAL_REQ", |c| f32::from(u8::from(c.array.require_calibration))),
+    ("FH_CH_SIGMA", |c| c.bearing.channel_sigma_rad),
+    ("FH_SMP_RATE", |c| c.phase.sample_rate_hz),
+    ("FH_TONE", |c| c.phase.tone_hz.unwrap_or(0.0)),
+    ("FH_TONE_LO", |c| c.phase.tone_band_hz[0]),
+    ("FH_TONE_HI", |c| c.phase.tone_band_hz[1]),
+    ("FH_TURN", |c| match c.turning.map(|turning| turning.role) {
         None => 0.0,
         Some(turning::Role::Fallback) => 1.0,
         Some(turning::Role::Alone(_)) => 2.0,
     }),
-    (FH_TURN_RATE, |c| c.turning.unwrap_or_default().yaw_rate_radps),
-    (FH_TURN_CH, |c| match c.turning.map(|turning| turning.role) {
+    ("FH_TURN_RATE", |c| c.turning.unwrap_or_default().yaw_rate_radps),
+    ("FH_TURN_CH", |c| match c.turning.map(|turning| turning.role) {
         Some(turning::Role::Alone(channel)) => f32::from(channel),
         _ => 0.0,
     }),
-    (FH_LND_MODE, |c| c.landing.map_or(0.0, |landing| 1.0 + f32::from(u8::from(landing.has_camera)))),
-    (FH_LND_REQ, |c| f32::from(u8::from(c.landing.unwrap_or_default().request_land))),
-    (FH_PAD_R, |c| c.landing.unwrap_or_default().pad_radius_m),
-    (FH_CAM_FOCAL, |c| c.landing.unwrap_or_default().focal_widths),
+    ("FH_LND_MODE", |c| c.landing.map_or(0.0, |landing| 1.0 + f32::from(u8::from(landing.has_camera)))),
+    ("FH_LND_REQ", |c| f32::from(u8::from(c.landing.unwrap_or_default().request_land))),
+    ("FH_PAD_R", |c| c.landing.unwrap_or_default().pad_radius_m),
+    ("FH_CAM_FOCAL", |c| c.landing.unwrap_or_default().focal_widths),
 ];
+
+fn places() -> impl Iterator<Item = (Id, Place)> {
+    PLACES.iter().map(|(name, place)| (named(name), *place))
+}
 
 fn applied(values: &Values) -> guidance::Config {
     let mut config = guidance::Config::default();
@@ -84,22 +91,23 @@ fn applied(values: &Values) -> guidance::Config {
 
 /// Other parameters that must change along with a parameter for it to take effect, or to use its whole range.
 fn company(id: Id, value: f32) -> Vec<(Id, f32)> {
-    match id {
-        FH_MARGIN => vec![(FH_MARGIN_TGT, 0.0)],
-        FH_MARGIN_TGT => vec![(FH_MARGIN, value)],
-        FH_SRCH_R => vec![(FH_SRCH_TIME, 60.0)],
-        FH_WAVELEN => vec![(FH_ARR_SIDE, 0.4 * value)],
-        FH_ARR_SIDE => vec![(FH_WAVELEN, if value > 1.0 { 10.0 } else { 2.5 * value })],
-        FH_SMP_RATE => vec![(FH_TONE_LO, 0.0), (FH_TONE_HI, 0.5 * value)],
-        FH_TONE => vec![(FH_SMP_RATE, 1e7), (FH_TONE_HI, 5e6)],
-        FH_TONE_LO => vec![(FH_SMP_RATE, 1e7), (FH_TONE_HI, 5e6)],
-        FH_TONE_HI => vec![(FH_SMP_RATE, if value > 1e3 { 1e7 } else { 1e3 }), (FH_TONE_LO, 0.0)],
-        FH_TURN_RATE => vec![(FH_TURN, 1.0), (FH_YAWR_MAX, 6.3)],
-        FH_TURN_CH => vec![(FH_TURN, 2.0)],
-        FH_LDR_YAW => vec![(FH_OBS_SRC, 1.0)],
-        FH_LND_REQ | FH_PAD_R | FH_CAM_FOCAL => vec![(FH_LND_MODE, 2.0)],
-        _ => vec![],
-    }
+    let others: &[(&str, f32)] = match id.name() {
+        "FH_MARGIN" => &[("FH_MARGIN_TGT", 0.0)],
+        "FH_MARGIN_TGT" => &[("FH_MARGIN", value)],
+        "FH_SRCH_R" => &[("FH_SRCH_TIME", 60.0)],
+        "FH_WAVELEN" => &[("FH_ARR_SIDE", 0.4 * value)],
+        "FH_ARR_SIDE" => &[("FH_WAVELEN", if value > 1.0 { 10.0 } else { 2.5 * value })],
+        "FH_SMP_RATE" => &[("FH_TONE_LO", 0.0), ("FH_TONE_HI", 0.5 * value)],
+        "FH_TONE" => &[("FH_SMP_RATE", 1e7), ("FH_TONE_HI", 5e6)],
+        "FH_TONE_LO" => &[("FH_SMP_RATE", 1e7), ("FH_TONE_HI", 5e6)],
+        "FH_TONE_HI" => &[("FH_SMP_RATE", if value > 1e3 { 1e7 } else { 1e3 }), ("FH_TONE_LO", 0.0)],
+        "FH_TURN_RATE" => &[("FH_TURN", 1.0), ("FH_YAWR_MAX", 6.3)],
+        "FH_TURN_CH" => &[("FH_TURN", 2.0)],
+        "FH_LDR_YAW" => &[("FH_OBS_SRC", 1.0)],
+        "FH_LND_REQ" | "FH_PAD_R" | "FH_CAM_FOCAL" => &[("FH_LND_MODE", 2.0)],
+        _ => &[],
+    };
+    others.iter().map(|(other, value)| (named(other), *value)).collect()
 }
 
 /// The configuration with that value, in its range or not.
@@ -115,7 +123,7 @@ fn forced(id: Id, value: f32) -> guidance::Config {
 #[test]
 fn the_defaults_of_the_table_are_those_of_guidance() {
     let default = guidance::Config::default();
-    for (id, place) in PLACES.iter().filter(|(id, _)| !matches!(*id, FH_OBS_FOV | FH_ARR_SIDE)) {
+    for (id, place) in places().filter(|(id, _)| !["FH_OBS_FOV", "FH_ARR_SIDE"].contains(&id.name())) {
         assert_eq!(id.default().to_bits(), place(&default).to_bits(), "{}", id.name());
     }
     // The values of the whole configuration, bit for bit, also where the table is in degrees.
@@ -125,8 +133,8 @@ fn the_defaults_of_the_table_are_those_of_guidance() {
 #[test]
 fn every_parameter_before_those_of_the_link_arrives_where_it_belongs_and_nowhere_else() {
     for id in Id::all() {
-        let places: Vec<_> = PLACES.iter().filter(|(place, _)| *place == id).collect();
-        assert_eq!(places.is_empty(), id >= FH_SP_AGE, "{}", id.name());
+        let arrivals: Vec<_> = places().filter(|(place, _)| *place == id).collect();
+        assert_eq!(arrivals.is_empty(), id >= named("FH_SP_AGE"), "{}", id.name());
         let (min, max) = id.range();
         let value = if TABLE[id.index()].kind == Kind::Whole {
             if id.default() == max { min } else { max }
@@ -135,12 +143,12 @@ fn every_parameter_before_those_of_the_link_arrives_where_it_belongs_and_nowhere
             min + (max - min) * (0.3 + 0.001 * id.index() as f32)
         };
         let config = forced(id, value);
-        for (_, place) in &places {
+        for (_, place) in &arrivals {
             let arrived = place(&config);
             assert!((arrived - value).abs() <= 1e-5 * value.abs(), "{}: {value} became {arrived}", id.name());
         }
         let alone = company(id, value);
-        for (other, place) in PLACES.iter().filter(|(other, _)| *other != id && alone.iter().all(|(c, _)| c != other)) {
+        for (other, place) in places().filter(|(other, _)| *other != id && alone.iter().all(|(c, _)| c != other)) {
             assert_eq!(place(&config), place(&guidance::Config::default()), "{} moves {}", id.name(), other.name());
         }
     }
@@ -150,7 +158,7 @@ fn every_parameter_before_those_of_the_link_arrives_where_it_belongs_and_nowhere
 fn what_was_applied_is_read_back_and_what_no_parameter_can_say_is_the_default() {
     let mut values = Values::DEFAULT;
     assert_eq!(Values::of(&guidance::Config::default()), values);
-    for id in Id::all().filter(|id| *id < FH_SP_AGE) {
+    for id in Id::all().filter(|id| *id < named("FH_SP_AGE")) {
         let (min, max) = id.range();
         let value = if TABLE[id.index()].kind == Kind::Whole { max } else { min + (max - min) * 0.25 };
         values.set(id, value).unwrap();
@@ -182,26 +190,26 @@ fn nothing_beyond_a_range_would_build() {
     // Switches and choices have no wider range. The others end before guidance does: where antennas can be built,
     // where a search's grid is fine enough, and where the widest band that fits into the highest rate ends.
     let narrower = [
-        (FH_ARR_SIDE, 0),
-        (FH_ARR_SIDE, 1),
-        (FH_SRCH_R, 1),
-        (FH_TONE, 1),
-        (FH_TONE_LO, 1),
-        (FH_TONE_HI, 0),
-        (FH_FENCE_R, 1),
+        (named("FH_ARR_SIDE"), 0),
+        (named("FH_ARR_SIDE"), 1),
+        (named("FH_SRCH_R"), 1),
+        (named("FH_TONE"), 1),
+        (named("FH_TONE_LO"), 1),
+        (named("FH_TONE_HI"), 0),
+        (named("FH_FENCE_R"), 1),
     ];
-    for (id, _) in PLACES {
+    for (id, _) in places() {
         let (min, max) = id.range();
         let kind = TABLE[id.index()].kind;
-        if kind == Kind::Whole && (max == 1.0 || [FH_TURN, FH_LND_MODE, FH_OBS_SRC].contains(id)) {
+        if kind == Kind::Whole && (max == 1.0 || ["FH_TURN", "FH_LND_MODE", "FH_OBS_SRC"].contains(&id.name())) {
             continue;
         }
         let step = |end: f32| if kind == Kind::Whole { 1.0 } else { (0.003 * end.abs()).max(1e-4) };
         for (side, value) in [min - step(min), max + step(max)].into_iter().enumerate() {
-            if narrower.contains(&(*id, side)) || (kind == Kind::Whole && value < 0.0) {
+            if narrower.contains(&(id, side)) || (kind == Kind::Whole && value < 0.0) {
                 continue;
             }
-            let built = forced(*id, value).build::<256>();
+            let built = forced(id, value).build::<256>();
             let refused = built.err().map(|error| error.why);
             assert!(matches!(refused, Some(Why::OutOfRange { .. } | Why::Inconsistent(_))), "{} = {value}", id.name());
         }
@@ -211,19 +219,19 @@ fn nothing_beyond_a_range_would_build() {
 #[test]
 fn values_that_do_not_fit_together_are_seen_by_the_build_and_named() {
     for (id, value, field) in [
-        (FH_ARR_SIDE, 0.2, "side_m"),
-        (FH_WAVELEN, 0.125, "side_m"),
-        (FH_MARGIN_TGT, 0.06, "planner.tight_margin_m"),
-        (FH_TONE_HI, 60_000.0, "phase.tone_band_hz"),
-        (FH_SRCH_TIME, 0.5, "explore.limit_s"),
+        (named("FH_ARR_SIDE"), 0.2, "side_m"),
+        (named("FH_WAVELEN"), 0.125, "side_m"),
+        (named("FH_MARGIN_TGT"), 0.06, "planner.tight_margin_m"),
+        (named("FH_TONE_HI"), 60_000.0, "phase.tone_band_hz"),
+        (named("FH_SRCH_TIME"), 0.5, "explore.limit_s"),
     ] {
         let mut values = Values::DEFAULT;
         values.set(id, value).unwrap();
         assert_eq!(applied(&values).build::<256>().unwrap_err().field, field);
     }
     let mut values = Values::DEFAULT;
-    values.set(FH_TURN, 1.0).unwrap();
-    values.set(FH_TURN_RATE, 0.1).unwrap();
+    values.set(named("FH_TURN"), 1.0).unwrap();
+    values.set(named("FH_TURN_RATE"), 0.1).unwrap();
     assert_eq!(applied(&values).build::<256>().unwrap_err().field, "turning.yaw_rate_radps");
 }
 
@@ -255,8 +263,8 @@ fn names_are_found_whole_and_only_whole() {
     for name in [&b""[..], b"\0", b"FH_SPD_MA", b"FH_SPD_MAXX", b"fh_spd_max", b"FH_SPD_MAXXXXXXXXXXXX", b"\xff\xfe"] {
         assert_eq!(Id::named(name), None);
     }
-    assert_eq!(Id::named(b"FH_SPD_MAX\0rubbish"), Some(FH_SPD_MAX));
-    assert_eq!((Id::at(0), Id::at(COUNT)), (Some(FH_SPD_MAX), None));
+    assert_eq!(Id::named(b"FH_SPD_MAX\0rubbish"), Some(named("FH_SPD_MAX")));
+    assert_eq!((Id::at(0), Id::at(COUNT)), (Some(named("FH_SPD_MAX")), None));
 }
 
 #[test]
@@ -276,18 +284,21 @@ fn bad_values_are_refused_and_leave_the_old_one() {
         assert_eq!(values.set_named(name, value), Err(refusal), "{name} = {value}");
         assert_eq!(values, Values::DEFAULT);
     }
-    values.set(FH_RC_CH, 7.0).unwrap();
-    values.set(FH_V1, -0.0).unwrap();
-    assert_eq!((values.whole(FH_RC_CH), values.is_on(FH_V1), values.get(FH_V1).to_bits()), (7, false, 0));
+    values.set(named("FH_RC_CH"), 7.0).unwrap();
+    values.set(named("FH_V1"), -0.0).unwrap();
+    assert_eq!(
+        (values.whole(named("FH_RC_CH")), values.is_on(named("FH_V1")), values.get(named("FH_V1")).to_bits()),
+        (7, false, 0)
+    );
 }
 
 #[test]
 fn stored_values_come_back_and_refused_ones_are_their_defaults() {
     let mut values = Values::DEFAULT;
-    values.set(FH_RADIUS, 0.3).unwrap();
+    values.set(named("FH_RADIUS"), 0.3).unwrap();
     assert_eq!(Values::restore(values.as_array()), (values, 0));
     let mut stored = *values.as_array();
-    stored[FH_SPD_MAX.index()] = f32::NAN;
-    stored[FH_V1.index()] = 7.0;
+    stored[named("FH_SPD_MAX").index()] = f32::NAN;
+    stored[named("FH_V1").index()] = 7.0;
     assert_eq!(Values::restore(&stored), (values, 2));
 }
