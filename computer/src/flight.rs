@@ -25,7 +25,7 @@ use foxhound_core::guidance::param::{Id, Values};
 use foxhound_core::guidance::systems::Systems;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Measurement, Output};
 use foxhound_core::landing::observation::PadObservation;
-use foxhound_core::planning::planner::{Plan, Planner};
+use foxhound_core::planning::planner::{Answer, Planner};
 use foxhound_link::companion::{self, Companion, Exam, Examined};
 use foxhound_link::params::Storage;
 
@@ -73,8 +73,8 @@ pub struct Step<'a> {
     pub circles: Option<&'a [Circle]>,
     /// The camera's latest observation.
     pub look: Option<PadObservation>,
-    /// The planner's answer, passed once, as soon as there is one.
-    pub plan: Option<&'a Plan>,
+    /// The slow loop's answer, passed once, as soon as there is one.
+    pub answer: Option<&'a Answer>,
 }
 
 /// The result of one step.
@@ -374,7 +374,7 @@ impl<S: Systems> Flight<'_, S> {
             height_m: self.companion.height_m(step.now),
             is_landed: self.companion.landed() == Some(true),
             control: self.companion.control(step.now),
-            plan: step.plan,
+            answer: step.answer,
         };
         let output = self.guidance.step(self.state, &input);
         let taken = ticks().wrapping_sub(begin);
@@ -387,6 +387,6 @@ impl<S: Systems> Flight<'_, S> {
             self.companion.publish_surroundings(step.now, self.state.map().circles());
         }
         self.companion.poll(step.now);
-        Stepped { output, heard, plan: step.plan.map(|plan| plan.id), ticks: taken }
+        Stepped { output, heard, plan: step.answer.map(|answer| answer.plan.id), ticks: taken }
     }
 }

@@ -41,7 +41,7 @@ fn main() -> Result<(), ConfigError> {
     let center_ned_m = Horizontal { north: 4.0, east: 0.9 };
     let pillar = Circle { center_ned_m, radius_m: 0.3, ..Circle::default() };
 
-    let (mut place, mut velocity, mut yaw_rad, mut plan) = (Horizontal::default(), Ned::default(), 0.0_f32, None);
+    let (mut place, mut velocity, mut yaw_rad, mut answer) = (Horizontal::default(), Ned::default(), 0.0_f32, None);
     for step in 0..1000_u64 {
         let now = Instant(20_000 * step);
         let ownship = Ownship {
@@ -57,14 +57,14 @@ fn main() -> Result<(), ConfigError> {
             ownship: Some(ownship),
             circles: Some(&[pillar]),
             control: Control::Granted,
-            plan: plan.as_ref(),
+            answer: answer.as_ref(),
             ..Input::at(now)
         };
         let output = guidance.step(&mut state, &input);
         // The slow loop, which on the vehicle runs at a lower priority.
-        plan = output.plan_requested.then(|| {
+        answer = output.plan_requested.then(|| {
             let known: Vec<Disc> = state.map().discs().collect();
-            planner.plan(&mut workspace, state.request(), &known)
+            planner.answer(&mut workspace, state.request(), &known)
         });
 
         velocity = output.setpoint.velocity_ned_mps;

@@ -16,7 +16,7 @@ use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{self, FrontEnd};
-use foxhound_core::planning::planner::Plan;
+use foxhound_core::planning::planner::Answer;
 use foxhound_core::planning::rollout::{Trajectory, WAYPOINTS};
 
 /// A board.
@@ -235,11 +235,11 @@ pub struct Done<'a, S> {
     pub plan: Option<&'a Planned<S>>,
 }
 
-/// A plan, and how it was made.
+/// The slow loop's answer, and how it was made.
 #[derive(Clone, Debug)]
 pub struct Planned<S> {
-    /// The plan.
-    pub plan: Plan,
+    /// The answer.
+    pub answer: Answer,
     /// Sampled trajectories that it was made from.
     pub samples_ned_m: S,
     /// Length of the replan, in `ticks`.

@@ -193,8 +193,8 @@ impl Computer for Computing {
         let order = Order::Step { now, frame, circles: circles.map(<[Circle]>::to_vec) };
         let Answer::Step { output, plan } = self.carry_out(order) else { panic!("not a step") };
         let plan = plan.map(|planned| twin::Planned {
-            id: planned.plan.id,
-            waypoints_ned_m: planned.plan.waypoints_ned_m,
+            id: planned.answer.plan.id,
+            waypoints_ned_m: planned.answer.plan.waypoints_ned_m,
             samples_ned_m: planned.samples_ned_m,
             ticks: planned.ticks,
         });

@@ -18,7 +18,7 @@ use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
 use foxhound_core::landing::observation::PadObservation;
 use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::mapping::scan::{Points, Scan};
-use foxhound_core::planning::planner::{self, Plan, Verdict, Workspace};
+use foxhound_core::planning::planner::{self, Answer, Plan, Verdict, Workspace};
 use foxhound_papers::AllSystems;
 
 use super::{Draw, Reached};
@@ -199,7 +199,7 @@ struct Flight {
     height_m: Option<f32>,
     is_landed: bool,
     /// The planner's answer, and the steps until it is there.
-    answer: Option<(Plan, u8)>,
+    answer: Option<(Answer, u8)>,
     plan_steps: u8,
     last: Ned,
     last_change_mps: f32,
@@ -213,7 +213,7 @@ struct Odd {
     scan: Option<Scan>,
     points: Option<Points>,
     bearing: Option<Bearing>,
-    plan: Option<Plan>,
+    answer: Option<Answer>,
     look: Option<PadObservation>,
     is_silent: bool,
 }
@@ -283,7 +283,7 @@ impl Flight {
                 odd.points = Some(points(draw, time));
             }
             10 => odd.bearing = Some(any_bearing(draw, self.now)),
-            11 => odd.plan = Some(self.any_plan(draw)),
+            11 => odd.answer = Some(self.any_plan(draw)),
             12 => odd.is_silent = true,
             13 => self.source_ned_m = place(draw),
             14 => {
@@ -321,15 +321,16 @@ impl Flight {
     }
 
     /// A plan that no planner made, or the active one, or one that was asked for, bent.
-    fn any_plan(&self, draw: &mut Draw<'_>) -> Plan {
-        let mut plan = self.systems.plan(&mut Workspace::default(), self.state.request(), &self.known());
+    fn any_plan(&self, draw: &mut Draw<'_>) -> Answer {
+        let mut answer = self.systems.answer(&mut Workspace::default(), self.state.request(), &self.known());
+        let plan = &mut answer.plan;
         plan.id = if draw.below(4) == 0 { draw.word() } else { plan.id };
         let index = usize::from(draw.byte()) % plan.waypoints_ned_m.len();
         plan.waypoints_ned_m[index] = place(draw);
         if draw.below(4) == 0 {
             plan.verdict = if plan.verdict == Verdict::Brake { Verdict::Follow } else { Verdict::Brake };
         }
-        plan
+        answer
     }
 
     /// One step, and whether it keeps what was promised.
@@ -342,10 +343,10 @@ impl Flight {
             None if self.is_heard => FrontEnd::Bearing(self.bearing()),
             None => FrontEnd::Nothing,
         };
-        let plan = odd.plan.clone().or_else(|| match self.answer.take() {
-            Some((plan, 0)) => Some(plan),
-            Some((plan, steps)) => {
-                self.answer = Some((plan, steps - 1));
+        let answer = odd.answer.clone().or_else(|| match self.answer.take() {
+            Some((answer, 0)) => Some(answer),
+            Some((answer, steps)) => {
+                self.answer = Some((answer, steps - 1));
                 None
             }
             None => None,
@@ -361,18 +362,18 @@ impl Flight {
             height_m: self.height_m,
             is_landed: self.is_landed,
             control: self.control,
-            plan: plan.as_ref(),
+            answer: answer.as_ref(),
         };
         let output = self.guidance.step(&mut self.state, &input);
         self.check(&output, odd);
         self.fly(&output);
         if output.plan_requested && self.is_planned {
             let known = self.known();
-            let plan = self.systems.plan(&mut self.workspace, self.state.request(), &known);
-            check_plan(&plan, self.state.request());
+            let answer = self.systems.answer(&mut self.workspace, self.state.request(), &known);
+            check_plan(&answer.plan, self.state.request());
             self.reached.answers += 1;
-            self.reached.usable += u32::from(plan.verdict == Verdict::Follow);
-            self.answer = Some((plan, self.plan_steps));
+            self.reached.usable += u32::from(answer.plan.verdict == Verdict::Follow);
+            self.answer = Some((answer, self.plan_steps));
         }
     }
 
@@ -414,7 +415,7 @@ impl Flight {
         if let Some(bearing_rad) = output.source_bearing_ned_rad {
             assert!(bearing_rad.abs() <= PI + 1e-5, "the source's bearing: {}", about());
         }
-        if odd.plan.is_none() {
+        if odd.answer.is_none() {
             assert!(output.target_ned_m.is_none_or(Horizontal::is_finite), "the target: {}", about());
         }
         let velocity = output.setpoint.velocity_ned_mps;

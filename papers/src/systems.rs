@@ -7,7 +7,7 @@ use foxhound_core::base::obstacle::Disc;
 use foxhound_core::doa::bearing::{Bearing, BearingEstimator};
 use foxhound_core::guidance::systems::Systems;
 use foxhound_core::guidance::{Config, Guidance};
-use foxhound_core::planning::planner::{Plan, PlanRequest, Workspace};
+use foxhound_core::planning::planner::{Answer, PlanRequest, Workspace};
 use foxhound_core::signal::phase::Phasors;
 
 /// Any planner and any bearing estimator that a configuration names, the papers' and the core's own.
@@ -33,11 +33,11 @@ impl Systems for AllSystems {
         self.estimator.estimate(estimator, phasors)
     }
 
-    fn plan(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan {
-        self.planner.plan(workspace, request, known)
+    fn answer(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Answer {
+        self.planner.answer(workspace, request, known)
     }
 
-    fn brake(&self, request: &PlanRequest) -> Plan {
+    fn brake(&self, request: &PlanRequest) -> Answer {
         self.planner.brake(request)
     }
 }

@@ -116,7 +116,7 @@ fn a_flight_is_read_as_it_was_written_and_its_beginning_fits_a_small_ring() {
     let circles: List<Circle> = (0..64).map(circle).collect();
     let now = Instant(123_456_789_012);
     let step =
-        flight::Step { now, front_end: FrontEnd::Frame(&snapshot), circles: Some(&circles), look: None, plan: None };
+        flight::Step { now, front_end: FrontEnd::Frame(&snapshot), circles: Some(&circles), look: None, answer: None };
     let mut came = parts.flight().step(&step, || 0);
     let heard = Measurement { bearing: bearing(), phasors: None };
     came.heard = Some(heard);
@@ -165,8 +165,13 @@ fn what_does_not_fit_is_left_out_counted_and_its_number_is_missing() {
 fn codes_wait_for_room_and_are_no_gap_when_there_is_none() {
     let mut parts = Parts::new();
     let snapshot = AdcFrame::<N>::zeroed();
-    let step =
-        flight::Step { now: Instant(0), front_end: FrontEnd::Frame(&snapshot), circles: None, look: None, plan: None };
+    let step = flight::Step {
+        now: Instant(0),
+        front_end: FrontEnd::Frame(&snapshot),
+        circles: None,
+        look: None,
+        answer: None,
+    };
     let came = parts.flight().step(&step, || 0);
     let mut ring = Ring::<2048>::new();
     let mut state = State::default();

@@ -94,7 +94,7 @@ impl<'a> Computer<'a> {
         flight.serve(store);
         store.keep_up(now, flight.companion);
         let has_control = flight.companion.control(now) == Control::Granted;
-        let step = Step { now, front_end: FrontEnd::Nothing, circles: None, look: None, plan: None };
+        let step = Step { now, front_end: FrontEnd::Nothing, circles: None, look: None, answer: None };
         flight.step(&step, || 0);
         let has_written = store.take_written();
         self.has_written_in_control |= has_control && has_written;

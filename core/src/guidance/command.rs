@@ -109,7 +109,7 @@ impl<const N: usize> Guidance<N> {
         state.control.hold_down_m = None;
         state.plans.due = None;
         state.plans.pending = None;
-        state.plans.active = None;
+        state.plans.end_active();
         state.plans.is_late = false;
     }
 }

@@ -98,7 +98,7 @@ impl<const N: usize> Guidance<N> {
             return self.hear_by_turning(turning, state, &bearing, phasors.as_ref());
         }
         state.last_flags = bearing.flags;
-        let walls = state.plans.active.as_ref().map_or(&[][..], |plan| &plan.lines);
+        let walls = &state.plans.walls;
         let ownship = state.vehicle.ownship.as_ref();
         let bearing_ned_rad = self.localizer.observe(&mut state.belief, &bearing, ownship, walls);
         Some((bearing, bearing_ned_rad))
@@ -118,7 +118,7 @@ impl<const N: usize> Guidance<N> {
         let depression_rad = state.belief.depression_rad();
         let turned = turning.step(&mut state.turning, bearing, phasors, &ownship, depression_rad)?;
         state.last_flags = turned.bearing.flags;
-        let walls = state.plans.active.as_ref().map_or(&[][..], |plan| &plan.lines);
+        let walls = &state.plans.walls;
         let (belief, sighting) = (&mut state.belief, turned.sighting.as_ref());
         let bearing_ned_rad = self.localizer.observe_direct(belief, &turned.bearing, sighting, &ownship, walls);
         Some((turned.bearing, bearing_ned_rad))

@@ -23,7 +23,7 @@ use crate::localize::belief;
 use crate::localize::source::support::SourcePosition;
 use crate::mapping::scan::{self, Points, Scan};
 use crate::mapping::{map, tracks};
-use crate::planning::planner::Plan;
+use crate::planning::planner::Answer;
 use crate::signal::phase::{self, Phasors};
 
 mod command;
@@ -91,8 +91,8 @@ pub struct Input<'a, const N: usize> {
     pub is_landed: bool,
     /// Whether we are in control.
     pub control: Control,
-    /// The planner's answer, passed once, as soon as there is one.
-    pub plan: Option<&'a Plan>,
+    /// The slow loop's answer, passed once, as soon as there is one.
+    pub answer: Option<&'a Answer>,
 }
 
 impl<const N: usize> Input<'_, N> {
@@ -110,7 +110,7 @@ impl<const N: usize> Input<'_, N> {
             height_m: None,
             is_landed: false,
             control: Control::LinkLost,
-            plan: None,
+            answer: None,
         }
     }
 }

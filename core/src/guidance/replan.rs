@@ -7,17 +7,17 @@ use crate::base::pose::Pose;
 use crate::base::time::Instant;
 use crate::control::guard::GuardInput;
 use crate::mapping::tracks::Track;
-use crate::planning::planner::{Learn, Plan, Search};
+use crate::planning::planner::{Answer, Learn, Search};
 use crate::planning::rollout::WAYPOINTS;
 
 impl<const N: usize> Guidance<N> {
     /// Takes the planner's answer and lets it take effect at its step; true if one did.
-    pub(super) fn take_over(&self, state: &mut State<N>, answer: Option<&Plan>) -> bool {
-        if let Some(plan) = answer
+    pub(super) fn take_over(&self, state: &mut State<N>, answer: Option<&Answer>) -> bool {
+        if let Some(answer) = answer
             && state.plans.due.is_some()
-            && plan.id == state.plans.request.id
+            && answer.plan.id == state.plans.request.id
         {
-            state.plans.pending = Some(plan.clone());
+            state.plans.pending = Some(answer.clone());
         }
         if state.plans.due != Some(state.tick) {
             return false;
@@ -25,7 +25,7 @@ impl<const N: usize> Guidance<N> {
         state.plans.due = None;
         let answer = state.plans.pending.take();
         state.plans.is_late = answer.is_none();
-        let Some(plan) = answer else {
+        let Some(Answer { plan, walls }) = answer else {
             state.plans.late = state.plans.late.saturating_add(1);
             return false;
         };
@@ -35,6 +35,7 @@ impl<const N: usize> Guidance<N> {
             state.trace.float(waypoint.east);
         }
         state.plans.active = Some(plan);
+        state.plans.walls = walls;
         state.plans.activated = state.tick;
         state.control.track.restart();
         true
@@ -82,7 +83,7 @@ impl<const N: usize> Guidance<N> {
         request.gust_margin_m = self.wind.margin_m(&state.vehicle.wind);
         request.among_moving = state.surroundings.tracks.all().iter().any(Track::moves);
         request.target_ned_m = situation.position_ned_m.plus(direction.times(distance_m));
-        request.wants_lines = self.localizer.is_reflected(&state.belief);
+        request.wants_walls = self.localizer.is_reflected(&state.belief);
         request.begins = state.plans.active.is_none();
         request.position_ned_m = situation.position_ned_m;
         request.direction_ned = direction;

@@ -14,7 +14,8 @@ use crate::localize::belief;
 use crate::mapping::coverage::Coverage;
 use crate::mapping::map::Map;
 use crate::mapping::tracks::Tracks;
-use crate::planning::planner::{Plan, PlanRequest};
+use crate::mapping::walls::{WALLS_MAX, Wall};
+use crate::planning::planner::{Answer, Plan, PlanRequest};
 use crate::signal::phase;
 
 /// The state of the fast loop, kept from step to step, by stage.
@@ -60,8 +61,10 @@ pub(super) struct Plans {
     pub(super) request: PlanRequest,
     /// The step at which the request's answer takes effect; `None` without a request.
     pub(super) due: Option<u32>,
-    pub(super) pending: Option<Plan>,
+    pub(super) pending: Option<Answer>,
     pub(super) active: Option<Plan>,
+    /// The walls that came with it.
+    pub(super) walls: Vec<Wall, WALLS_MAX>,
     /// When the active plan took effect.
     pub(super) activated: u32,
     /// Plans that came too late, and whether the last one did.
@@ -89,6 +92,14 @@ pub(super) struct Controllers {
     /// Where the guard needs to look before it goes on.
     pub(super) look_ned_rad: Option<f32>,
     pub(super) hold_down_m: Option<f32>,
+}
+
+impl Plans {
+    /// The active plan is not followed any more, and the walls that came with it are forgotten.
+    pub(super) fn end_active(&mut self) {
+        self.active = None;
+        self.walls.clear();
+    }
 }
 
 impl<const N: usize> State<N> {

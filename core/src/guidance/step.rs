@@ -38,7 +38,7 @@ impl<const N: usize> Guidance<N> {
         let (bearing, bearing_ned_rad) = heard.and_then(|heard| self.hear(state, &heard)).unzip();
         let bearing_ned_rad = bearing_ned_rad.flatten();
         self.look(state, input);
-        let plan_activated = self.take_over(state, input.plan);
+        let plan_activated = self.take_over(state, input.answer);
         self.estimate_wind(state);
         self.land(state, input, bearing.as_ref());
         let situation = self.situation(state);
@@ -218,7 +218,7 @@ impl<const N: usize> Guidance<N> {
         state.vehicle.height_m = input.height_m.or(by_pad);
         if was_landing && !is_landing(state) {
             // It seeks again, from its present position.
-            state.plans.active = None;
+            state.plans.end_active();
         }
     }
 

@@ -4,7 +4,7 @@ use crate::base::error::ConfigError;
 use crate::base::obstacle::Disc;
 use crate::doa::bearing::{Bearing, BearingEstimator};
 use crate::guidance::{Config, Guidance};
-use crate::planning::planner::{Plan, PlanRequest, Planner, Workspace};
+use crate::planning::planner::{Answer, PlanRequest, Planner, Workspace};
 use crate::signal::phase::Phasors;
 
 /// The bearing estimator and the planner of a flight. The core's own are those of [`Planner`]; to compare others with
@@ -30,10 +30,10 @@ pub trait Systems: Clone + core::fmt::Debug + Sized {
     }
 
     /// Answers one request; `known` are the known obstacles.
-    fn plan(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan;
+    fn answer(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Answer;
 
     /// The answer to stay where the request starts.
-    fn brake(&self, request: &PlanRequest) -> Plan;
+    fn brake(&self, request: &PlanRequest) -> Answer;
 }
 
 /// The core's own systems.
@@ -42,11 +42,11 @@ impl Systems for Planner {
         config.build_planner()
     }
 
-    fn plan(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan {
-        Self::plan(self, workspace, request, known)
+    fn answer(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Answer {
+        Self::answer(self, workspace, request, known)
     }
 
-    fn brake(&self, request: &PlanRequest) -> Plan {
+    fn brake(&self, request: &PlanRequest) -> Answer {
         Self::brake(self, request)
     }
 }

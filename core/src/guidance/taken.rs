@@ -211,7 +211,7 @@ fn the_newest_look_is_in_the_map_and_with_the_guard_or_its_refusal_is_counted() 
                     height_m: None,
                     is_landed: false,
                     control: Control::Granted,
-                    plan: None,
+                    answer: None,
                 },
             );
 

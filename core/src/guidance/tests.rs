@@ -72,7 +72,7 @@ impl Flight {
         let guidance = self.config.build::<64>().unwrap();
         let planner = self.config.build_planner().unwrap();
         let (mut state, mut workspace) = (guidance.start(), Workspace::default());
-        let mut ready: Option<(u32, Plan)> = None;
+        let mut ready: Option<(u32, Answer)> = None;
         let mut report = Report { reached: false, closest_m: f32::INFINITY, outputs: StdVec::new(), state: None };
         for step in 0..(seconds / DT) as u32 {
             let now = Instant(1_000_000 + u64::from(step) * 20_000);
@@ -86,7 +86,7 @@ impl Flight {
                 yaw_rad: self.vehicle.yaw_rad,
                 ..Ownship::default()
             };
-            let plan = ready.take_if(|(at, _)| *at <= step).map(|(_, plan)| plan);
+            let answer = ready.take_if(|(at, _)| *at <= step).map(|(_, answer)| answer);
             let mut input = Input {
                 now,
                 front_end: FrontEnd::Bearing(self.bearing(now)),
@@ -98,12 +98,12 @@ impl Flight {
                 height_m: None,
                 is_landed: false,
                 control: Control::Granted,
-                plan: plan.as_ref(),
+                answer: answer.as_ref(),
             };
             twist(step, &mut input);
             let output = guidance.step(&mut state, &input);
             if output.plan_requested {
-                ready = Some((step + self.planning, planner.plan(&mut workspace, state.request(), &known(&state))));
+                ready = Some((step + self.planning, planner.answer(&mut workspace, state.request(), &known(&state))));
             }
             report.outputs.push(output);
 
@@ -205,7 +205,7 @@ fn plans_that_come_late_from_some_time_on_are_what_a_vehicle_waits_for_that_can_
         let mut flight = Flight::new(pillars, (60.0, 0.5));
         let report = flight.run(60.0, |step, input| {
             if step > 250 {
-                input.plan = None;
+                input.answer = None;
             }
         });
         let end = report.outputs.last().unwrap();
@@ -221,7 +221,7 @@ fn a_late_plan_now_and_then_does_not_keep_a_sealed_vehicle_from_giving_up() {
     let mut flight = Flight::new(&ring, (60.0, 0.5));
     let report = flight.run(90.0, |step, input| {
         if step % 200 < 60 {
-            input.plan = None;
+            input.answer = None;
         }
     });
     assert_eq!(report.outputs.last().unwrap().outcome, Outcome::GoalUnreachable);
@@ -392,7 +392,7 @@ fn a_vehicle_that_hears_nothing_but_single_points_stops_before_what_they_show() 
     let guidance = flight.config.build::<64>().unwrap();
     let (planner, mut workspace) = (flight.config.build_planner().unwrap(), Workspace::default());
     let mut state = guidance.start();
-    let mut plan = None;
+    let mut answer = None;
     let mut fastest = 0.0_f32;
     for step in 0..1500_u64 {
         let now = Instant(1_000_000 + step * 20_000);
@@ -427,10 +427,10 @@ fn a_vehicle_that_hears_nothing_but_single_points_stops_before_what_they_show() 
                 height_m: None,
                 is_landed: false,
                 control: Control::Granted,
-                plan: plan.as_ref(),
+                answer: answer.as_ref(),
             },
         );
-        plan = output.plan_requested.then(|| planner.plan(&mut workspace, state.request(), &known(&state)));
+        answer = output.plan_requested.then(|| planner.answer(&mut workspace, state.request(), &known(&state)));
         flight.vehicle.follow(&output.setpoint);
         fastest = fastest.max(flight.vehicle.velocity.north);
         assert!(flight.vehicle.position.north < wall_m - 0.15, "it hits the wall after {step} steps: {output:?}");
@@ -456,7 +456,7 @@ fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
     let (planner, mut workspace) = (Config::default().build_planner().unwrap(), Workspace::default());
     let (mut whole, mut parted, mut again) = (guidance.start(), guidance.start(), guidance.start());
     let mut rng = crate::base::rng::Rng::new(31, 0);
-    let mut plan = None;
+    let mut answer = None;
     let mut heard_count = 0;
     for step in 0..500_u64 {
         let now = Instant(1_000_000 + step * 20_000);
@@ -502,7 +502,7 @@ fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
             height_m: None,
             is_landed: false,
             control: Control::Granted,
-            plan: plan.as_ref(),
+            answer: answer.as_ref(),
         };
         let output = guidance.step(&mut whole, &input);
         // As the flight computer does it: measure, then step.
@@ -512,7 +512,7 @@ fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
         // As a log is replayed: without the samples.
         assert_eq!(guidance.step(&mut again, &input), output, "{step}");
         heard_count += u32::from(heard.bearing.valid);
-        plan = output.plan_requested.then(|| planner.plan(&mut workspace, whole.request(), &known(&whole)));
+        answer = output.plan_requested.then(|| planner.answer(&mut workspace, whole.request(), &known(&whole)));
     }
     assert!(heard_count > 350 && whole.map().circles().count() > 10, "{heard_count}");
 }
@@ -563,7 +563,7 @@ fn however_much_is_delivered_with_it_a_tone_is_heard_in_its_first_frame() {
                 height_m: None,
                 is_landed: false,
                 control: Control::Granted,
-                plan: None,
+                answer: None,
             };
             guidance.step(&mut state, &input).bearing.is_none_or(|bearing| bearing.quality.snr_db < 10.0)
         });

@@ -317,10 +317,10 @@ fn fly<B: Board>(
     flight: &mut Flight<'_>,
     step: &Step<'_>,
     look: Option<PadObservation>,
-    plan: Option<&Planned<Kept<B>>>,
+    planned: Option<&Planned<Kept<B>>>,
 ) -> Stepped {
-    let plan = plan.map(|planned| &planned.plan);
-    let step = flight::Step { now: step.now, front_end: step.front_end, circles: step.circles, look, plan };
+    let answer = planned.map(|planned| &planned.answer);
+    let step = flight::Step { now: step.now, front_end: step.front_end, circles: step.circles, look, answer };
     flight.step(&step, B::ticks)
 }
 

@@ -84,7 +84,7 @@ pub fn planning<S: Samples>(shared: &'static Shared<S>) -> Result<(Planning<S>, 
     let systems = Systems::build(&guidance::Config::default())?;
     let order = shared.order.init_with(|| [Order { systems, request: PlanRequest::default(), known: Vec::new() }]);
     let [Order { systems, request, .. }] = &*order;
-    let planned = [Planned { plan: systems.brake(request), samples_ned_m: S::NONE, ticks: 0 }];
+    let planned = [Planned { answer: systems.brake(request), samples_ned_m: S::NONE, ticks: 0 }];
     let planned = shared.planned.init(planned);
     let (order_tx, order_rx) = shared.orders.init_with(|| Channel::new(order)).split();
     let (plan_tx, plan_rx) = shared.plans.init_with(|| Channel::new(planned)).split();
@@ -164,7 +164,7 @@ pub fn plan<B: Board>(desk: Desk<Kept<B>>) -> ! {
 #[inline(never)]
 fn replan<B: Board>(workspace: &mut Workspace, order: &Order, planned: &mut Planned<Kept<B>>) {
     let begin = B::ticks();
-    planned.plan = order.systems.plan(workspace, &order.request, &order.known);
+    planned.answer = order.systems.answer(workspace, &order.request, &order.known);
     planned.ticks = B::ticks().wrapping_sub(begin);
     for (kept, sample) in planned.samples_ned_m.as_mut().iter_mut().zip(&workspace.samples) {
         *kept = *sample;

@@ -271,8 +271,8 @@ impl board::Pacer for Pacer {
             late: done.late,
             stack_bytes: self.stack.look(),
             plan: done.plan.map(|planned| twin::Planned {
-                id: planned.plan.id,
-                waypoints_ned_m: planned.plan.waypoints_ned_m,
+                id: planned.answer.plan.id,
+                waypoints_ned_m: planned.answer.plan.waypoints_ned_m,
                 samples_ned_m: planned.samples_ned_m,
                 ticks: planned.ticks,
             }),

@@ -61,7 +61,7 @@ fn first_step(guidance: &Guidance<64>, control: Control) -> Output {
         height_m: None,
         is_landed: false,
         control,
-        plan: None,
+        answer: None,
     };
     guidance.step(&mut guidance.start(), &input)
 }

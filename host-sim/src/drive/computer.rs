@@ -19,7 +19,7 @@ use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Output};
 use foxhound_core::localize::source::support::Support;
 use foxhound_core::mapping::tracks::Track;
-use foxhound_core::planning::planner::{Plan, Workspace};
+use foxhound_core::planning::planner::{Answer, Plan, Workspace};
 use foxhound_link::companion::{self, Companion};
 use foxhound_link::signing::Signing;
 use foxhound_papers::AllSystems;
@@ -158,7 +158,7 @@ pub struct HostComputer {
     state: guidance::State<BLOCK>,
     systems: AllSystems,
     workspace: Workspace,
-    finished: Option<Plan>,
+    finished: Option<Answer>,
     /// The obstacles of that plan.
     known: Vec<Disc>,
     store: Option<Store>,
@@ -234,7 +234,7 @@ impl Computer for HostComputer {
         circles: Option<&[Circle]>,
         rx: &[u8],
     ) -> Result<StepReport, ComputerError> {
-        let plan = self.finished.take();
+        let answer = self.finished.take();
         let look = self.sighted.take().map(|sighted| sighted.look(now));
         let mut recording = self.recording.take();
         let turned = std::mem::take(&mut self.turned);
@@ -251,8 +251,8 @@ impl Computer for HostComputer {
             }),
             None => flight.serve(store),
         };
-        let plan = plan.as_ref().filter(|_| !begins_anew);
-        let step = Step { now, front_end, circles, look, plan };
+        let answer = answer.as_ref().filter(|_| !begins_anew);
+        let step = Step { now, front_end, circles, look, answer };
         let stepped = flight.step(&step, || 0);
         let Stepped { output, .. } = stepped;
         if let Some(recording) = &mut recording {
@@ -265,14 +265,14 @@ impl Computer for HostComputer {
         let mut planned = None;
         if output.plan_requested {
             self.known = self.state.map().discs().collect();
-            let plan = self.systems.plan(&mut self.workspace, self.state.request(), &self.known);
+            let answer = self.systems.answer(&mut self.workspace, self.state.request(), &self.known);
             planned = Some(Planned {
-                id: plan.id,
-                waypoints_ned_m: plan.waypoints_ned_m,
+                id: answer.plan.id,
+                waypoints_ned_m: answer.plan.waypoints_ned_m,
                 samples_ned_m: self.workspace.samples,
                 ticks: 0,
             });
-            self.finished = Some(plan);
+            self.finished = Some(answer);
         }
         Ok(StepReport { output, plan: planned, tx })
     }
@@ -322,7 +322,7 @@ impl Computer for HostComputer {
     }
 
     fn considered(&self) -> Option<Considered<'_>> {
-        let plan = self.finished.as_ref()?;
+        let plan = &self.finished.as_ref()?.plan;
         let support = &self.state.request().support;
         Some(Considered { known: &self.known, plan, support, workspace: &self.workspace })
     }

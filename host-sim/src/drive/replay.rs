@@ -26,7 +26,7 @@ use foxhound_core::guidance::param::{self, Values};
 use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Measurement, Output};
 use foxhound_core::landing::observation::PadObservation;
-use foxhound_core::planning::planner::{Plan, Workspace};
+use foxhound_core::planning::planner::{Answer, Workspace};
 use foxhound_link::companion::{self, Companion};
 use foxhound_papers::AllSystems;
 use serde::Serialize;
@@ -247,7 +247,7 @@ struct Flown {
     companion: Companion,
     receiver: Receiver,
     lidar: Option<Lidar>,
-    plans: VecDeque<Plan>,
+    plans: VecDeque<Answer>,
     steps: u64,
     has_differed: bool,
     /// The last measurement.
@@ -325,7 +325,7 @@ impl Flown {
         summary: &mut Summary,
     ) -> (Output, Option<Planned>) {
         self.heard = step.heard;
-        let plan = step.plan.and_then(|id| self.plans.iter().rev().find(|plan| plan.id == id).cloned());
+        let answer = step.plan.and_then(|id| self.plans.iter().rev().find(|answer| answer.plan.id == id).cloned());
         let (circles, look) = (self.circles.take(), self.look.take());
         let (bytes, mut answers) = (std::mem::take(&mut self.bytes), std::mem::take(&mut self.answers));
         let turned = std::mem::take(&mut self.turned);
@@ -339,21 +339,21 @@ impl Flown {
         flight.serve(&mut answers);
         let heard = step.heard.as_ref().map_or(FrontEnd::Nothing, FrontEnd::Measured);
         let front_end = snapshot.map_or(heard, FrontEnd::Frame);
-        let now = Step { now: step.now, front_end, circles: circles.as_deref(), look, plan: plan.as_ref() };
+        let now = Step { now: step.now, front_end, circles: circles.as_deref(), look, answer: answer.as_ref() };
         let output = flight.step(&now, || 0).output;
         // Its output is discarded.
         while self.companion.transmit(&mut [0; 512]) > 0 {}
         let mut planned = None;
         if step.ordered {
             let known: Vec<Disc> = self.state.map().discs().collect();
-            let plan = self.systems.plan(workspace, self.state.request(), &known);
+            let answer = self.systems.answer(workspace, self.state.request(), &known);
             planned = Some(Planned {
-                id: plan.id,
-                waypoints_ned_m: plan.waypoints_ned_m,
+                id: answer.plan.id,
+                waypoints_ned_m: answer.plan.waypoints_ned_m,
                 samples_ned_m: workspace.samples,
                 ticks: 0,
             });
-            self.plans.push_back(plan);
+            self.plans.push_back(answer);
             if self.plans.len() > PLANS {
                 self.plans.pop_front();
             }

@@ -401,7 +401,7 @@ fn constant_output() -> Result<Output, ConfigError> {
         height_m: None,
         is_landed: false,
         control: Control::NotInControl,
-        plan: None,
+        answer: None,
     };
     let output = guidance.step(&mut guidance.start(), &input);
     Ok(Output { outcome: Outcome::Nominal, ..output })

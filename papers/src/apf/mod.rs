@@ -18,7 +18,7 @@ use foxhound_core::base::rng::Rng;
 use foxhound_core::planning::field::Gains;
 use foxhound_core::planning::planner::baseline::{self, Exponent, Law, Offsets, Reading};
 use foxhound_core::planning::planner::sampling::{average, draw, nearest};
-use foxhound_core::planning::planner::{Config, Kind, Plan, PlanRequest, Planner, SAMPLES, Verdict, Workspace};
+use foxhound_core::planning::planner::{Answer, Config, Kind, Plan, PlanRequest, Planner, SAMPLES, Verdict, Workspace};
 use foxhound_core::planning::rollout::{Cost, SPACING_M, Scene, Stride, Trajectory, WAYPOINTS, Waypoint};
 
 pub mod field;
@@ -125,20 +125,21 @@ impl AnyPlanner {
     }
 
     /// Answers one request; `known` are the known obstacles.
+    pub fn answer(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Answer {
+        Answer { plan: self.plan(workspace, request, known), walls: self.own.walls(request, known) }
+    }
+
+    /// The plan of an answer.
     pub fn plan(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan {
         if self.config.kind == Kind::Foxhound {
             return self.own.plan(workspace, request, known);
         }
-        let mut plan = plan(&self.config, &self.vehicle, workspace, request, known);
-        if request.wants_lines {
-            plan.lines = self.own.lines(request.position_ned_m, known);
-        }
-        plan
+        plan(&self.config, &self.vehicle, workspace, request, known)
     }
 
     /// The answer to stay where the request starts.
     #[must_use]
-    pub fn brake(&self, request: &PlanRequest) -> Plan {
+    pub fn brake(&self, request: &PlanRequest) -> Answer {
         self.own.brake(request)
     }
 }

@@ -173,7 +173,7 @@ impl Config {
             vehicle: *vehicle,
             sensor: *sensor,
             wavefront: self.wavefront.build()?,
-            lines: self.walls.build()?,
+            walls: self.walls.build()?,
             explorer: self.explore.map(|explore| explore.build(clearance_m)).transpose()?,
         })
     }
@@ -241,8 +241,8 @@ pub struct PlanRequest {
     pub learn: Option<Learn>,
     /// Set when no signal is received: search.
     pub search: Option<Search>,
-    /// Whether the lines of reflection are requested.
-    pub wants_lines: bool,
+    /// Whether the walls are requested.
+    pub wants_walls: bool,
 }
 
 /// Result of a request.
@@ -279,8 +279,16 @@ pub struct Plan {
     pub source: Option<SourcePosition>,
     /// Result of the search, if one was requested.
     pub search: Option<Searched>,
-    /// The lines of reflection among the known obstacles, if they were requested.
-    pub lines: Vec<Wall, WALLS_MAX>,
+}
+
+/// What the slow loop answers to a request.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Answer {
+    /// The plan.
+    pub plan: Plan,
+    /// The walls among the known obstacles, for the localizer; none if they were not requested.
+    pub walls: Vec<Wall, WALLS_MAX>,
 }
 
 impl Plan {
@@ -297,7 +305,6 @@ impl Plan {
             target_ned_m: request.start_ned_m,
             source: None,
             search: None,
-            lines: Vec::new(),
         }
     }
 }
@@ -365,28 +372,25 @@ pub struct Planner {
     vehicle: Vehicle,
     sensor: RangeSensor,
     wavefront: Wavefront,
-    lines: walls::Extractor,
+    walls: walls::Extractor,
     explorer: Option<explore::Explorer>,
 }
 
 impl Planner {
     /// The answer to stay at the request's start.
     #[must_use]
-    pub fn brake(&self, request: &PlanRequest) -> Plan {
-        Plan::brake(&self.config, request)
+    pub fn brake(&self, request: &PlanRequest) -> Answer {
+        Answer { plan: Plan::brake(&self.config, request), walls: Vec::new() }
     }
 
     /// Answers one request; `known` are the known obstacles.
-    pub fn plan(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan {
-        let mut plan = self.seek(workspace, request, known);
-        if request.wants_lines {
-            plan.lines = self.lines(request.position_ned_m, known);
-        }
-        plan
+    pub fn answer(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Answer {
+        Answer { plan: self.plan(workspace, request, known), walls: self.walls(request, known) }
     }
 
-    /// Plans to the source, or to a place that has not been searched when no signal is received.
-    fn seek(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan {
+    /// Plans to the source, or to a place that has not been searched when no signal is received; `known` are the known
+    /// obstacles.
+    pub fn plan(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan {
         if request.begins {
             workspace.explore.end();
         }
@@ -408,13 +412,18 @@ impl Planner {
         }
     }
 
-    /// The walls among the known obstacles. Its workspace is on the stack: it is not used at the same time as the rest.
+    /// The walls among the known obstacles, if they are requested.
     #[must_use]
+    pub fn walls(&self, request: &PlanRequest, known: &[Disc]) -> Vec<Wall, WALLS_MAX> {
+        if request.wants_walls { self.find_walls(request.position_ned_m, known) } else { Vec::new() }
+    }
+
+    /// Its workspace is on the stack: it is not used at the same time as the rest.
     #[inline(never)]
-    pub fn lines(&self, seen_from_ned_m: Horizontal, known: &[Disc]) -> Vec<Wall, WALLS_MAX> {
+    fn find_walls(&self, seen_from_ned_m: Horizontal, known: &[Disc]) -> Vec<Wall, WALLS_MAX> {
         let mut workspace = walls::Workspace::new();
         let points = walls::points_of(known, seen_from_ned_m);
-        self.lines.find(&mut workspace, &points)
+        self.walls.find(&mut workspace, &points)
     }
 }
 

@@ -15,7 +15,7 @@ use foxhound_core::guidance::mission::Control;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
 use foxhound_core::mapping::map::{CIRCLES_MAX, DELIVERY_MAX};
 use foxhound_core::mapping::scan::{Frame, POINTS_MAX, Points, Scan};
-use foxhound_core::planning::planner::{Plan, Planner, Workspace};
+use foxhound_core::planning::planner::{Answer, Planner, Workspace};
 use foxhound_firmware::board::Board as _;
 use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 use heapless::Vec;
@@ -56,7 +56,7 @@ struct Loop<'a> {
     workspace: &'a mut Workspace,
     snapshot: &'a mut AdcFrame<N>,
     state: &'a mut guidance::State<N>,
-    plan: Option<Plan>,
+    answer: Option<Answer>,
 }
 
 /// Input of a step beside the antennas' frame.
@@ -70,7 +70,7 @@ struct Delivered<'a> {
 impl Loop<'_> {
     fn restart(&mut self) {
         self.guidance.restart(self.state);
-        self.plan = None;
+        self.answer = None;
     }
 
     /// One step, and its instructions.
@@ -94,14 +94,14 @@ impl Loop<'_> {
             height_m: None,
             is_landed: false,
             control: Control::Granted,
-            plan: self.plan.as_ref(),
+            answer: self.answer.as_ref(),
         };
         let mut output = None;
         let count = measure(&mut || output = Some(self.guidance.step(self.state, black_box(&input))));
         let requested = output.is_some_and(|output: Output| output.plan_requested);
-        self.plan = requested.then(|| {
+        self.answer = requested.then(|| {
             let known: Vec<Disc, CIRCLES_MAX> = self.state.map().discs().collect();
-            self.planner.plan(self.workspace, self.state.request(), &known)
+            self.planner.answer(self.workspace, self.state.request(), &known)
         });
         (count, output)
     }
@@ -115,7 +115,7 @@ pub(crate) fn rows(
     workspace: &mut Workspace,
     snapshot: &mut AdcFrame<N>,
 ) {
-    let mut fast_loop = Loop { guidance, planner, workspace, snapshot, state: first_state(), plan: None };
+    let mut fast_loop = Loop { guidance, planner, workspace, snapshot, state: first_state(), answer: None };
     past_circles(measure, &mut fast_loop);
     mission(measure, &mut fast_loop);
     absurd(measure, &mut fast_loop);
