@@ -46,15 +46,6 @@ impl Support {
         Self { places: Vec::new() }
     }
 
-    /// One place that is certain.
-    #[must_use]
-    pub fn at(place_ned_m: Horizontal) -> Self {
-        let mut support = Self::new();
-        // Cannot fail: there is space for more.
-        let _ = support.places.push((place_ned_m, 1.0));
-        support
-    }
-
     /// Removes all places.
     pub fn clear(&mut self) {
         self.places.clear();
