@@ -2,7 +2,7 @@
 //!
 //! The image is the one that is flashed. From the roots below every call is followed through the machine code, and each function
 //! in which a panic can begin is printed with the path of calls to it. One that is not in `EXCUSED` fails, and so does an
-//! indirect call through a register.
+//! indirect call through a register, but for that of a parameter's row, which is followed to all that it may mean.
 
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -35,6 +35,12 @@ const EXCUSED: [(&str, &str); 3] = [
 /// `Companion::take_storage` gives nobody anything to do while we are in control (`link/tests/link/params.rs`,
 /// `computer/tests/store/start.rs`).
 const STORE: &str = "not in control: the store is asked outside it only, where a restart ends in standby";
+
+/// A parameter's field is found by a function of its row: who calls it, and what it may be.
+pub(crate) const FIELDS: (&str, &[&str]) = (
+    "foxhound_core::guidance::param::Values::*",
+    &["foxhound_core::guidance::param::parts::*", "core::ops::function::FnOnce::call_once"],
+);
 
 fn is_meant(excused: &str, name: &str) -> bool {
     excused.strip_suffix('*').map_or(excused == name, |begin| name.starts_with(begin))
@@ -101,16 +107,23 @@ impl Reach {
         let mut next = VecDeque::from([root]);
         while let Some((address, function)) = next.pop_front().and_then(|address| program.at(address)) {
             let mut begins = BTreeSet::new();
-            for callee in program.callees(function) {
+            let mut callees = program.callees(function);
+            if !function.indirect.is_empty() {
+                let (caller, fields) = FIELDS;
+                if is_meant(caller, &function.name) {
+                    let is_field = |name: &str| fields.iter().any(|field| is_meant(field, name));
+                    callees.extend(program.functions().filter(|(_, one)| is_field(&one.name)).map(|(at, _)| at));
+                } else {
+                    begins.insert("a call of what a register holds".to_owned());
+                }
+            }
+            for callee in callees {
                 if is_panic(program.name(callee)) {
                     begins.insert(program.name(callee).to_owned());
                 } else if let Entry::Vacant(place) = reach.came_from.entry(callee) {
                     place.insert(address);
                     next.push_back(callee);
                 }
-            }
-            if !function.indirect.is_empty() {
-                begins.insert("a call of what a register holds".to_owned());
             }
             if !begins.is_empty() {
                 reach.panics.insert(address, begins);

@@ -13,7 +13,7 @@ use serde_json::json;
 use crate::Failure;
 use crate::board;
 use crate::build::Image;
-use crate::panics::is_panic;
+use crate::panics::{FIELDS, is_panic};
 use crate::thumb::Program;
 
 /// Registers with those of the floating point unit, and the word that keeps them aligned (`PushStack`, Armv7-M B1.5.6).
@@ -76,11 +76,7 @@ const INDIRECT: &[(&str, &[&str])] = &[
     ("LPUART1", &["embassy_executor::raw::waker::*"]),
     ("DMA1_CHANNEL*", &["embassy_executor::raw::waker::*"]),
     ("_embassy_time_schedule_wake", &["embassy_executor::raw::waker::*"]),
-    // A parameter's field is found by a function of its row.
-    (
-        "foxhound_core::guidance::param::Values::*",
-        &["foxhound_core::guidance::param::parts::*", "core::ops::function::FnOnce::call_once"],
-    ),
+    FIELDS,
     // What the store keeps is its own.
     ("sequential_storage::*", &["<foxhound_computer::store::record::Record as *"]),
     // The log writes into a buffer in both modes.
