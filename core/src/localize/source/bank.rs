@@ -194,6 +194,13 @@ struct Hypothesis {
     alive: bool,
 }
 
+impl Hypothesis {
+    /// Its weight, relative to another's.
+    fn relative_to(&self, other: &Self) -> f32 {
+        libm::expf(self.log_weight - other.log_weight)
+    }
+}
+
 /// The hypotheses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
@@ -226,15 +233,19 @@ impl State {
     pub fn support(&self, support: &mut Support) {
         support.clear();
         let Some(leading) = self.leading() else { return };
-        let weight = |hypothesis: &Hypothesis| libm::expf(hypothesis.log_weight - leading.log_weight);
-        let total: f32 = self.alive().map(weight).sum();
+        let total = self.total(leading);
         for hypothesis in self.alive() {
-            support.add(&hypothesis.filter, weight(hypothesis) / total);
+            support.add(&hypothesis.filter, hypothesis.relative_to(leading) / total);
         }
     }
 
     fn alive(&self) -> impl Iterator<Item = &Hypothesis> {
         self.hypotheses.iter().filter(|hypothesis| hypothesis.alive)
+    }
+
+    /// The weight of all, relative to the leading one.
+    fn total(&self, leading: &Hypothesis) -> f32 {
+        self.alive().map(|hypothesis| hypothesis.relative_to(leading)).sum()
     }
 
     fn leading(&self) -> Option<&Hypothesis> {
@@ -297,7 +308,7 @@ impl FilterBank {
         }
         settle(state);
         let leading = state.leading()?;
-        let total: f32 = state.alive().map(|hypothesis| libm::expf(hypothesis.log_weight - leading.log_weight)).sum();
+        let total = state.total(leading);
         let known = knows_range(&leading.filter, self.config.range_sigma_max);
         let mut here = leading.filter;
         if leading.path != Path::Direct && !self.filter.predict(&mut here, sighting.place_ned_m, 0.0) {

@@ -14,7 +14,7 @@
 //! that contradict all particles add new ones.
 
 use super::Sighting;
-use super::support::SourcePosition;
+use super::support::{SourcePosition, moments};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::rng::Rng;
@@ -66,7 +66,7 @@ impl Posterior {
     }
 
     /// The particles' positions and their weights, which sum to one.
-    pub(super) fn particles(&self) -> impl Iterator<Item = (Horizontal, f32)> {
+    pub(super) fn particles(&self) -> impl Iterator<Item = (Horizontal, f32)> + Clone {
         self.places.iter().copied().zip(self.weights.iter().copied())
     }
 
@@ -144,7 +144,7 @@ impl Posterior {
     /// Resamples the particles in proportion to their weights (systematic resampling), spread by a part of their
     /// covariance.
     fn resample(&mut self, rng: &mut Rng) {
-        let (mean, [[nn, ne], [_, ee]]) = self.moments();
+        let (mean, [nn, ne, ee]) = moments(self.particles());
         // Cholesky factor of the covariance.
         let north = sqrt(nn);
         let cross = if north > 1e-6 { ne / north } else { 0.0 };
@@ -181,30 +181,9 @@ impl Posterior {
         self.weights = [1.0 / PARTICLES as f32; PARTICLES];
     }
 
-    fn moments(&self) -> (Horizontal, [[f32; 2]; 2]) {
-        let mut mean = Horizontal::default();
-        for (place, weight) in self.particles() {
-            mean = mean.plus(place.times(weight));
-        }
-        let (mut nn, mut ne, mut ee) = (0.0, 0.0, 0.0);
-        for (place, weight) in self.particles() {
-            let off = place.minus(mean);
-            nn += weight * off.north * off.north;
-            ne += weight * off.north * off.east;
-            ee += weight * off.east * off.east;
-        }
-        (mean, [[nn, ne], [ne, ee]])
-    }
-
     /// Mean and spread; `None` before the first sighting.
     pub(super) fn estimate(&self) -> Option<SourcePosition> {
-        if !self.started {
-            return None;
-        }
-        let (place_ned_m, [[nn, ne], [_, ee]]) = self.moments();
-        let (half_sum, half_difference) = (0.5 * (nn + ee), 0.5 * (nn - ee));
-        let largest = half_sum + sqrt(half_difference * half_difference + ne * ne);
-        Some(SourcePosition { place_ned_m, sigma_m: sqrt(largest) })
+        self.started.then(|| SourcePosition::of(self.particles()))
     }
 }
 
@@ -254,7 +233,7 @@ mod tests {
             bank.step(&mut state, &sighting, 0.0, &[]);
             particles.observe(&[sighting], &mut draws);
         }
-        let mut support = Support::new();
+        let mut support = Support::default();
         state.support(&mut support);
         [support.mean().unwrap(), particles.estimate().unwrap()]
     }
@@ -271,7 +250,6 @@ mod tests {
     fn the_bank_finds_the_source_as_well_as_particles_do() {
         for sigma_deg in [0.5_f32, 1.86, 5.0] {
             let [bank_m, particles_m] = rms_m(sigma_deg.to_radians(), 0.0);
-            std::eprintln!("{sigma_deg}: {bank_m} {particles_m}");
             assert!(bank_m < 1.1 * particles_m, "{sigma_deg}: {bank_m} m, {particles_m} m");
         }
     }
@@ -280,7 +258,6 @@ mod tests {
     fn among_outliers_too() {
         for wrong in [0.2, 0.4] {
             let [bank_m, particles_m] = rms_m(0.03, wrong);
-            std::eprintln!("{wrong}: {bank_m} {particles_m}");
             assert!(bank_m < 1.1 * particles_m, "{wrong}: {bank_m} m, {particles_m} m");
         }
     }

@@ -40,12 +40,6 @@ pub struct SourcePosition {
 }
 
 impl Support {
-    /// No place.
-    #[must_use]
-    pub const fn new() -> Self {
-        Self { places: Vec::new() }
-    }
-
     /// Removes all places.
     pub fn clear(&mut self) {
         self.places.clear();
@@ -76,24 +70,34 @@ impl Support {
     /// Mean and spread; `None` without places.
     #[must_use]
     pub fn mean(&self) -> Option<SourcePosition> {
-        if self.places.is_empty() {
-            return None;
-        }
-        let mut mean = Horizontal::default();
-        for (place, weight) in &self.places {
-            mean = mean.plus(place.times(*weight));
-        }
-        let (mut nn, mut ne, mut ee) = (0.0, 0.0, 0.0);
-        for (place, weight) in &self.places {
-            let off = place.minus(mean);
-            nn += weight * off.north * off.north;
-            ne += weight * off.north * off.east;
-            ee += weight * off.east * off.east;
-        }
+        (!self.places.is_empty()).then(|| SourcePosition::of(self.places.iter().copied()))
+    }
+}
+
+impl SourcePosition {
+    /// Of places whose weights sum to one.
+    pub(super) fn of(places: impl Iterator<Item = (Horizontal, f32)> + Clone) -> Self {
+        let (place_ned_m, [nn, ne, ee]) = moments(places);
         let (half_sum, half_difference) = (0.5 * (nn + ee), 0.5 * (nn - ee));
         let largest = half_sum + sqrt(half_difference * half_difference + ne * ne);
-        Some(SourcePosition { place_ned_m: mean, sigma_m: sqrt(largest) })
+        Self { place_ned_m, sigma_m: sqrt(largest) }
     }
+}
+
+/// Mean and covariance, north-north, north-east and east-east, of places whose weights sum to one.
+pub(super) fn moments(places: impl Iterator<Item = (Horizontal, f32)> + Clone) -> (Horizontal, [f32; 3]) {
+    let mut mean = Horizontal::default();
+    for (place, weight) in places.clone() {
+        mean = mean.plus(place.times(weight));
+    }
+    let (mut nn, mut ne, mut ee) = (0.0, 0.0, 0.0);
+    for (place, weight) in places {
+        let off = place.minus(mean);
+        nn += weight * off.north * off.north;
+        ne += weight * off.north * off.east;
+        ee += weight * off.east * off.east;
+    }
+    (mean, [nn, ne, ee])
 }
 
 #[cfg(test)]
@@ -119,14 +123,14 @@ mod tests {
         let source = Horizontal { north: 8.0, east: 1.0 };
         let mut spread_m = f32::INFINITY;
         for steps in [1, 10, 30, 60] {
-            let mut support = Support::new();
+            let mut support = Support::default();
             support.add(&filter(source, steps), 1.0);
             let mean = support.mean().unwrap();
             assert!(mean.sigma_m < spread_m, "{steps}: {mean:?}");
             spread_m = mean.sigma_m;
             assert!((support.places().iter().map(|(_, weight)| weight).sum::<f32>() - 1.0).abs() < 1e-5);
         }
-        let mut support = Support::new();
+        let mut support = Support::default();
         support.add(&filter(source, 60), 1.0);
         let mean = support.mean().unwrap();
         assert!(mean.place_ned_m.minus(source).norm() < 0.3 && mean.sigma_m < 0.5, "{mean:?}");
@@ -137,11 +141,11 @@ mod tests {
     fn the_spread_is_that_of_the_filter() {
         let state = filter(Horizontal { north: 6.0, east: -2.0 }, 80);
         let [nn, ne, ee] = state.estimate().unwrap().covariance_m2;
-        let mut support = Support::new();
+        let mut support = Support::default();
         support.add(&state, 1.0);
         let (mean, expected) =
             (support.mean().unwrap(), sqrt(0.5 * (nn + ee) + sqrt(0.25 * (nn - ee) * (nn - ee) + ne * ne)));
         assert!((mean.sigma_m / expected - 1.0).abs() < 0.12, "{} {expected}", mean.sigma_m);
-        assert_eq!(Support::new().mean(), None);
+        assert_eq!(Support::default().mean(), None);
     }
 }
