@@ -34,14 +34,20 @@ fn suite(dir: &std::path::Path, pairs: &str, radius: &str) -> String {
     dir.join("suite.json").to_string_lossy().into_owned()
 }
 
-fn check(suite: &str, extra: &[&str], success: f64, ratio: f64, clearance_m: f64) {
+/// Where 0.02 m of clearance is not reached: in one flight the path changes to the other side of a pillar 0.3 m before it, and
+/// 0.018 m is left.
+const CLOSER: &[&str] = &["--vehicle", "arducopter"];
+
+fn check(suite: &str, extra: &[&str], success: f64, ratio: f64) {
     let (_, report) = run_json(&[&["suite", suite, "--json", "--seed", &seed()], extra].concat());
     let all = &report["all"];
     let rate = |row: &Value| row["success"].as_f64().unwrap() / row["runs"].as_f64().unwrap();
     assert!(rate(all) >= success, "{extra:?}: {report}");
     assert!(report["rows"].as_array().unwrap().iter().all(|row| rate(row) >= 0.99), "{extra:?}: {report}");
     assert_eq!(all["collisions"], 0, "{extra:?}: {report}");
-    assert!(all["min_clearance_m"].as_f64().unwrap() >= clearance_m, "{extra:?}: {report}");
+    let least_m = all["min_clearance_m"].as_f64().unwrap();
+    assert_eq!(least_m >= 0.02, extra != CLOSER, "{extra:?}: {report}");
+    assert!(least_m >= 0.015, "{extra:?}: {report}");
     assert!(all["mean_whole_length_ratio"].as_f64().unwrap() <= ratio, "{extra:?}: {report}");
 }
 
@@ -50,19 +56,18 @@ fn check(suite: &str, extra: &[&str], success: f64, ratio: f64, clearance_m: f64
 fn eight_hundred_flights_through_pillar_forests_all_arrive_and_none_touches() {
     let dir = tempfile::tempdir().unwrap();
     let suite = suite(dir.path(), "40", "0.15");
-    check(&suite, &[], 0.9975, 1.06, 0.02);
-    check(&suite, &["--bearing-sigma-deg", "5"], 0.995, 1.06, 0.02);
-    check(&suite, &["--bearing-sigma-deg", "20"], 0.99, 1.10, 0.02);
-    // In one flight the path changes to the other side of a pillar 0.3 m before it: 0.018 m.
-    check(&suite, &["--vehicle", "arducopter"], 0.99, 1.06, 0.015);
-    check(&suite, &["--snr-db", "20", "--pairs", "10"], 0.9975, 1.06, 0.02);
+    check(&suite, &[], 0.9975, 1.06);
+    check(&suite, &["--bearing-sigma-deg", "5"], 0.995, 1.06);
+    check(&suite, &["--bearing-sigma-deg", "20"], 0.99, 1.10);
+    check(&suite, &["--vehicle", "arducopter"], 0.99, 1.06);
+    check(&suite, &["--snr-db", "20", "--pairs", "10"], 0.9975, 1.06);
 }
 
 /// With a hull radius of 0.20 m at least 99.5 % of 800 flights through pillar forests arrive, and none collides.
 #[test]
 fn a_wider_hull_arrives_as_well() {
     let dir = tempfile::tempdir().unwrap();
-    check(&suite(dir.path(), "40", "0.20"), &[], 0.995, 1.06, 0.02);
+    check(&suite(dir.path(), "40", "0.20"), &[], 0.995, 1.06);
 }
 
 /// Flies a suite file; how many flights there are, how many arrive and how many collide.
