@@ -2,6 +2,7 @@
 //! guard.
 
 use super::systems::Systems;
+use super::turning::Turned;
 use super::{FrontEnd, Guidance, Input, Measurement, State, near, turning};
 use crate::base::adc::AdcFrame;
 use crate::base::obstacle::Circle;
@@ -115,13 +116,15 @@ impl<const N: usize> Guidance<N> {
     ) -> Option<(Bearing, Option<f32>)> {
         state.belief.assume_direct();
         let ownship = state.vehicle.ownship?;
-        let depression_rad = state.belief.depression_rad();
-        let turned = turning.step(&mut state.turning, bearing, phasors, &ownship, depression_rad)?;
-        state.last_flags = turned.bearing.flags;
-        let walls = &state.plans.walls;
-        let (belief, sighting) = (&mut state.belief, turned.sighting.as_ref());
-        let bearing_ned_rad = self.localizer.observe_direct(belief, &turned.bearing, sighting, &ownship, walls);
-        Some((turned.bearing, bearing_ned_rad))
+        let (bearing, bearing_ned_rad) = match turning.step(&mut state.turning, bearing, phasors, &ownship)? {
+            Turned::Nothing(flags) => (Bearing::without(bearing.time, bearing.quality, flags), None),
+            Turned::Direction(rotation, sighting) => {
+                let (belief, walls) = (&mut state.belief, &state.plans.walls);
+                self.localizer.observe_rotation(belief, &rotation, &sighting, &ownship, walls)
+            }
+        };
+        state.last_flags = bearing.flags;
+        Some((bearing, bearing_ned_rad))
     }
 
     /// Data of obstacle sensors -> map -> near obstacles; and the coverage -> guard. The scan comes last, since it

@@ -2,9 +2,11 @@
 //!
 //! Either there is only one directional antenna, or there are four of which fewer than three work: the remaining ones
 //! have no phases to compare, but each still receives more from its front than from its back. While the seeker is in
-//! use the vehicle yaws at a constant rate, and each full turn gives one bearing. It is combined with those before it
-//! ([`pursuit`]), extrapolated to the vehicle's present position, and then treated as any bearing; the filters of the
-//! source's position get the rotation by itself, from the vehicle's position in the middle of it.
+//! use the vehicle yaws at a constant rate, and each full turn gives one sighting, from the vehicle's position in the middle of
+//! it. The belief ([`Localizer::observe_rotation`]) answers with the source's bearing as of now, which is then treated
+//! as any bearing.
+//!
+//! [`Localizer::observe_rotation`]: crate::localize::belief::Localizer::observe_rotation
 //!
 //! One bearing a turn is rare. So the last one stays valid for two turns, or [`MISSION_TURNS`] with some slack; only
 //! then does the mission report that there is no signal. It is not repeated in between: repetitions would be taken
@@ -15,16 +17,14 @@
 
 use crate::base::adc::CHANNELS;
 use crate::base::error::{ConfigError, Why, check};
-use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::ownship::Ownship;
 use crate::base::time::Instant;
 use crate::control::track::Demand;
 use crate::doa::bearing::{Bearing, Flags};
-use crate::doa::rotating::{self, Outcome, Rotation, direction};
+use crate::doa::rotating::{self, Outcome, Rotation};
 use crate::guidance::mission::{self, Mission};
-use crate::localize::pursuit;
-use crate::localize::source::{Estimate, Sighting};
+use crate::localize::source::Sighting;
 use crate::signal::phase::{HOLD_THRESHOLD, Phasors, Tone};
 
 /// A bearing stays valid for this many turns.
@@ -37,8 +37,6 @@ const ATTITUDE_AGE_MAX_S: f32 = 0.2;
 /// which the source started or stopped transmitting.
 const CONTRAST_MAX: f32 = 1.25;
 const SIGMA_MAX_RAD: f32 = 0.5;
-/// Rate of outliers among rotations with one maximum.
-const OUTLIER_RATE: f32 = 0.1;
 /// Channels that an array needs.
 const LIVING_MIN: usize = 3;
 /// `10 / ln 10`.
@@ -67,8 +65,6 @@ pub struct Config {
     pub yaw_rate_radps: f32,
     /// From power to rotations.
     pub rotating: rotating::Config,
-    /// From rotations to a course.
-    pub pursuit: pursuit::Config,
 }
 
 impl Default for Config {
@@ -78,10 +74,6 @@ impl Default for Config {
             boresights_rad: [0.0; CHANNELS],
             yaw_rate_radps: 1.2,
             rotating: rotating::Config::default(),
-            pursuit: pursuit::Config {
-                direction: direction::Config { outlier_rate: OUTLIER_RATE, ..direction::Config::default() },
-                ..pursuit::Config::default()
-            },
         }
     }
 }
@@ -126,7 +118,6 @@ impl Config {
             contrast_max_db: CONTRAST_MAX
                 * (self.rotating.pattern.gain_db(0.0) - self.rotating.pattern.gain_db(core::f32::consts::PI)),
             seeker: self.rotating.build()?,
-            pursuer: self.pursuit.build()?,
             mission: mission.build()?,
         })
     }
@@ -140,7 +131,6 @@ pub struct Turning {
     yaw_rate_radps: f32,
     contrast_max_db: f32,
     seeker: rotating::Seeker,
-    pursuer: pursuit::Pursuer,
     /// The mission's limits while the vehicle turns.
     pub mission: Mission,
 }
@@ -149,7 +139,6 @@ pub struct Turning {
 #[derive(Clone, Debug, Default)]
 pub struct State {
     rotating: rotating::State,
-    pursuit: pursuit::State<2>,
     /// The channel in use.
     channel: u8,
     /// Bearings in a row that lacked channels.
@@ -162,11 +151,11 @@ pub struct State {
 
 /// The result of a rotation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Turned {
-    /// The source's bearing as of now.
-    pub bearing: Bearing,
-    /// The measurement of this rotation alone; `None` if it gave no direction.
-    pub sighting: Option<Sighting>,
+pub enum Turned {
+    /// A direction, and the sighting from the middle of the rotation.
+    Direction(Rotation, Sighting),
+    /// No direction, and why.
+    Nothing(Flags),
 }
 
 impl Turning {
@@ -219,7 +208,6 @@ impl Turning {
         bearing: &Bearing,
         phasors: Option<&Phasors>,
         ownship: &Ownship,
-        depression_rad: f32,
     ) -> Option<Turned> {
         let time = bearing.time;
         if time.seconds_since(ownship.attitude_time) > ATTITUDE_AGE_MAX_S {
@@ -233,46 +221,20 @@ impl Turning {
         let antenna_rad = ownship.yaw_at(time) + boresight_rad;
         let outcome = self.seeker.step(&mut state.rotating, time, antenna_rad, power_db)?;
         state.from_ned_m = Some(here);
-        let nothing = |flags: Flags| Turned {
-            bearing: Bearing { valid: false, azimuth_rad: 0.0, sigma_rad: core::f32::consts::PI, flags, ..*bearing },
-            sighting: None,
-        };
-        let Outcome::Rotation(rotation) = outcome else { return Some(nothing(Flags::NO_SIGNAL)) };
+        let Outcome::Rotation(rotation) = outcome else { return Some(Turned::Nothing(Flags::NO_SIGNAL)) };
         if rotation.ambiguous {
-            return Some(nothing(Flags::AMBIGUOUS));
+            return Some(Turned::Nothing(Flags::AMBIGUOUS));
         }
         if rotation.contrast_db > self.contrast_max_db || rotation.independent_sigma_rad() > SIGMA_MAX_RAD {
             // Nor may the next one use it.
             state.rotating = rotating::State::new();
-            return Some(nothing(Flags::NO_SIGNAL));
+            return Some(Turned::Nothing(Flags::NO_SIGNAL));
         }
-        self.pursue(state, &rotation, from.plus(here).times(0.5), ownship, depression_rad)
-    }
-
-    /// A rotation -> the course to the source, and a sighting.
-    fn pursue(
-        &self,
-        state: &mut State,
-        rotation: &Rotation,
-        place_ned_m: Horizontal,
-        ownship: &Ownship,
-        depression_rad: f32,
-    ) -> Option<Turned> {
-        let here = ownship.position_ned_m.horizontal();
-        let sigma_rad = rotation.independent_sigma_rad();
-        let course =
-            self.pursuer.step(&mut state.pursuit, rotation.time, place_ned_m, rotation.bearing_ned_rad, sigma_rad)?;
-        // The position of the source is used if the course leads to it.
-        let source = course.source.filter(|source| libm::fabsf(source.bearing_ned_rad - course.bearing_ned_rad) < 1e-6);
-        let (bearing_ned_rad, course_sigma_rad) =
-            source.and_then(|source| bearing_from(&source, here)).unwrap_or((course.bearing_ned_rad, course.sigma_rad));
+        let place_ned_m = from.plus(here).times(0.5);
         let since_s = state.heard.replace(rotation.time).map_or(0.0, |heard| rotation.time.seconds_since(heard));
-        let joined = Rotation { bearing_ned_rad, sigma_rad: course_sigma_rad, retained: 0.0, ..*rotation };
         let direction_ned = Horizontal::from_bearing(rotation.bearing_ned_rad);
-        Some(Turned {
-            bearing: joined.bearing(ownship, depression_rad),
-            sighting: Some(Sighting { place_ned_m, direction_ned, sigma_rad, since_s }),
-        })
+        let sigma_rad = rotation.independent_sigma_rad();
+        Some(Turned::Direction(rotation, Sighting { place_ned_m, direction_ned, sigma_rad, since_s }))
     }
 }
 
@@ -289,25 +251,17 @@ fn power_db(phasors: &Phasors, channel: usize) -> f32 {
     DB * libm::logf(if power > 1e-9 { power } else { 1e-9 })
 }
 
-/// The bearing of a source from a place, and its standard deviation; `None` if the two cannot be distinguished.
-fn bearing_from(source: &Estimate, place_ned_m: Horizontal) -> Option<(f32, f32)> {
-    let towards = source.place_ned_m.minus(place_ned_m);
-    let squared = towards.norm_squared();
-    let [north, both, east] = source.covariance_m2;
-    // Across the line of sight, times the range.
-    let across = towards.east * towards.east * north - 2.0 * towards.east * towards.north * both
-        + towards.north * towards.north * east;
-    let sigma_rad = sqrt(if across > 0.0 { across } else { 0.0 }) / squared;
-    (sigma_rad < 1.0).then(|| (towards.bearing_rad(), sigma_rad))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::math::sqrt;
     use crate::base::ned::Ned;
     use crate::base::rng::Rng;
     use crate::base::units::wrap_pi;
     use crate::doa::bearing::Quality;
+    use crate::localize::belief::{self, Localizer};
+    use crate::localize::goal;
+    use crate::localize::source::bank;
     use crate::signal::phase::Complex;
     use std::vec::Vec;
 
@@ -316,9 +270,18 @@ mod tests {
     const AMPLITUDE: f32 = 1000.0;
     const NOISE: f32 = 1e2;
 
+    /// The belief's answer to a rotation, and the rotation's sighting.
+    #[derive(Debug)]
+    struct Heard {
+        bearing: Bearing,
+        sighting: Option<Sighting>,
+    }
+
     /// A vehicle that turns while it flies from the origin to the north, past a source.
     struct Flight {
         turning: Turning,
+        localizer: Localizer,
+        belief: belief::State,
         pattern: rotating::pattern::Config,
         state: State,
         rng: Rng,
@@ -334,6 +297,8 @@ mod tests {
         fn new(config: &Config, source: Horizontal) -> Self {
             Self {
                 turning: config.build(&mission::Config::default(), 2.5).unwrap(),
+                localizer: Localizer::build(&goal::Config::default(), &bank::Config::default(), false).unwrap(),
+                belief: belief::State::default(),
                 pattern: config.rotating.pattern,
                 state: State::default(),
                 rng: Rng::new(7, 3),
@@ -360,8 +325,8 @@ mod tests {
             }
         }
 
-        /// One frame with these channels working; the array's bearing, and the seeker's result.
-        fn frame(&mut self, living: &[usize], sounds: bool) -> (bool, Option<Turned>) {
+        /// One frame with these channels working; whether the seeker is in use, and what a rotation gives.
+        fn frame(&mut self, living: &[usize], sounds: bool) -> (bool, Option<Heard>) {
             self.tick += 1;
             let ownship = self.ownship();
             let towards_rad = self.source.minus(ownship.position_ned_m.horizontal()).bearing_rad();
@@ -398,11 +363,21 @@ mod tests {
             };
             let is_used = self.turning.notice(&mut self.state, &bearing);
             let turned =
-                is_used.then(|| self.turning.step(&mut self.state, &bearing, Some(&phasors), &ownship, 0.0)).flatten();
-            (is_used, turned)
+                is_used.then(|| self.turning.step(&mut self.state, &bearing, Some(&phasors), &ownship)).flatten();
+            let heard = turned.map(|turned| match turned {
+                Turned::Nothing(flags) => {
+                    Heard { bearing: Bearing::without(bearing.time, bearing.quality, flags), sighting: None }
+                }
+                Turned::Direction(rotation, sighting) => {
+                    let belief = &mut self.belief;
+                    let (bearing, _) = self.localizer.observe_rotation(belief, &rotation, &sighting, &ownship, &[]);
+                    Heard { bearing, sighting: Some(sighting) }
+                }
+            });
+            (is_used, heard)
         }
 
-        fn frames(&mut self, count: usize, living: &[usize], sounds: bool) -> Vec<Turned> {
+        fn frames(&mut self, count: usize, living: &[usize], sounds: bool) -> Vec<Heard> {
             (0..count).filter_map(|_| self.frame(living, sounds).1).collect()
         }
     }
@@ -411,7 +386,7 @@ mod tests {
         Config { role: Role::Alone(0), ..Config::default() }
     }
 
-    fn error_rad(flight: &Flight, turned: &Turned) -> f32 {
+    fn error_rad(flight: &Flight, turned: &Heard) -> f32 {
         let ownship = flight.ownship();
         let truth_rad = flight.source.minus(ownship.position_ned_m.horizontal()).bearing_rad();
         wrap_pi(ownship.bearing_ned_rad(turned.bearing.azimuth_rad, 0.0, turned.bearing.time) - truth_rad)
@@ -481,7 +456,7 @@ mod tests {
         assert!(libm::fabsf(wrap_pi(heard_rad - flight.source.bearing_rad())) < 0.08, "{heard_rad}");
         // The channel in use dies as well: the other one's rotation starts afresh.
         assert!(flight.frame(&[3], true).0);
-        assert_eq!((flight.state.channel, flight.state.pursuit.clone()), (3, pursuit::State::new()));
+        assert_eq!((flight.state.channel, flight.state.heard), (3, None));
         // Silence does not bring channels back.
         flight.frames(20, &[3], false);
         assert!(flight.turning.is_used(&flight.state));

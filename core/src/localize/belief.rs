@@ -11,6 +11,7 @@ use crate::base::ned::Horizontal;
 use crate::base::ownship::Ownship;
 use crate::base::time::Instant;
 use crate::doa::bearing::Bearing;
+use crate::doa::rotating::Rotation;
 use crate::localize::goal;
 use crate::localize::link_state::{self, Classifier, Sightline};
 use crate::localize::source::bank::{self, Answer, Mode, Path};
@@ -91,20 +92,26 @@ impl Localizer {
         bearing_ned_rad
     }
 
-    /// Processes a bearing that is not an array's, so that it says nothing about reflections, and its sighting.
-    pub fn observe_direct(
+    /// Processes the rotation of an antenna that turns with the vehicle: `sighting` is its direction, from the middle
+    /// of the rotation. It says nothing about reflections. Returns the source's bearing as of now, and its direction
+    /// from north, clockwise, if it is usable: by the filter that explains the rotation, or else by the rotation alone.
+    pub fn observe_rotation(
         &self,
         state: &mut State,
-        bearing: &Bearing,
-        sighting: Option<&Sighting>,
+        rotation: &Rotation,
+        sighting: &Sighting,
         ownship: &Ownship,
         walls: &[Wall],
-    ) -> Option<f32> {
-        let bearing_ned_rad = bearing.valid.then(|| self.goal.observe(&mut state.average, bearing, ownship));
-        if let Some(sighting) = sighting {
-            self.add(state, sighting, walls);
-        }
-        bearing_ned_rad
+    ) -> (Bearing, Option<f32>) {
+        self.add(state, sighting, walls);
+        let explaining = state.answer.filter(|answer| answer.explained);
+        let from_here = |answer: Answer| answer.estimate.bearing_from(ownship.position_ned_m.horizontal());
+        let (bearing_ned_rad, sigma_rad) =
+            explaining.and_then(from_here).unwrap_or((rotation.bearing_ned_rad, sighting.sigma_rad));
+        let joined = Rotation { bearing_ned_rad, sigma_rad, retained: 0.0, ..*rotation };
+        let bearing = joined.bearing(ownship, state.average.depression_rad());
+        let usable = bearing.valid.then(|| self.goal.observe(&mut state.average, &bearing, ownship));
+        (bearing, usable)
     }
 
     /// Probability that the link is reflected, from a bearing or its absence.
@@ -161,12 +168,6 @@ impl State {
     #[must_use]
     pub fn bearing_ned_rad(&self) -> Option<f32> {
         self.average.source_bearing_ned_rad()
-    }
-
-    /// Angle by which the source lies below the horizon.
-    #[must_use]
-    pub fn depression_rad(&self) -> f32 {
-        self.average.depression_rad()
     }
 
     /// When the last valid bearing was measured.

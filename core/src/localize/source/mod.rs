@@ -8,6 +8,7 @@
 //!
 //! The mmWave paper's filters, as printed and repaired, are in the crate `foxhound-papers`.
 
+use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 
 mod series;
@@ -71,6 +72,22 @@ pub struct Estimate {
     pub range_m: f32,
     /// Standard deviation of the range over the range.
     pub range_sigma_ratio: f32,
+}
+
+impl Estimate {
+    /// Its bearing from a place, clockwise from north, and the standard deviation; `None` if the two cannot be
+    /// distinguished.
+    #[must_use]
+    pub fn bearing_from(&self, place_ned_m: Horizontal) -> Option<(f32, f32)> {
+        let towards = self.place_ned_m.minus(place_ned_m);
+        let squared = towards.norm_squared();
+        let [north, both, east] = self.covariance_m2;
+        // Across the line of sight, times the range.
+        let across = towards.east * towards.east * north - 2.0 * towards.east * towards.north * both
+            + towards.north * towards.north * east;
+        let sigma_rad = sqrt(if across > 0.0 { across } else { 0.0 }) / squared;
+        (sigma_rad < 1.0).then(|| (towards.bearing_rad(), sigma_rad))
+    }
 }
 
 /// The result of a filter's update with a sighting.
