@@ -9,9 +9,8 @@ use foxhound_core::base::obstacle::Disc;
 use foxhound_core::base::pose::Pose;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
-use foxhound_core::doa::rotating::{self, direction};
+use foxhound_core::doa::rotating;
 use foxhound_core::localize::link_state::{self, Classifier, Features, Sightline};
-use foxhound_core::localize::pursuit;
 use foxhound_core::localize::source::{Estimate, FILTERS, Sighting, Update, bank, polar};
 use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::mapping::walls::{self, WALLS_MAX, Wall};
@@ -19,6 +18,7 @@ use foxhound_core::planning::explore::{self, Explored};
 use foxhound_papers::filters::cartesian;
 use foxhound_papers::filters::reflected::{Known, literal, unknown};
 use foxhound_papers::mixture;
+use foxhound_papers::rotating::{direction, pursuit};
 
 use super::{Draw, Noise, Reached};
 

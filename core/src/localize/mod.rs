@@ -4,5 +4,4 @@
 pub mod belief;
 pub mod goal;
 pub mod link_state;
-pub mod pursuit;
 pub mod source;

@@ -2,9 +2,9 @@
 //!
 //! The received power is averaged in angular bins as the antenna sweeps past them ([`bins`], eq. 1). At the end of
 //! each rotation ([`turn`]) the paper takes the loudest bin as the direction of the source; ours is where the
-//! antenna's known pattern fits best ([`pattern`]), between the bins and with a standard deviation. [`direction`]
-//! combines rotations, including outliers, without a position; with a position, each rotation is a bearing like any
-//! other. Proven properties of the greedy rule are in the crate `foxhound-papers`.
+//! antenna's known pattern fits best ([`pattern`]), between the bins and with a standard deviation. Each rotation is a
+//! sighting like any other. Filters without a position, and proven properties of the greedy rule, are in the crate
+//! `foxhound-papers`.
 //!
 //! Power is in dB: fading multiplies, so that its errors are additive and equal in every bin; the range is an offset
 //! instead of a factor; a burst has the weight of one reading, not of a thousand. Receivers report dB already.
@@ -21,7 +21,6 @@ use crate::base::units::wrap_pi;
 use crate::doa::bearing::{Bearing, Flags, Quality};
 
 pub mod bins;
-pub mod direction;
 pub mod pattern;
 pub mod turn;
 

@@ -67,7 +67,7 @@ const COSINES: [f32; BINS] = {
 };
 
 /// Cosine and sine of `index` bins, less than [`BINS`].
-pub(super) fn table(index: usize) -> (f32, f32) {
+pub fn table(index: usize) -> (f32, f32) {
     let behind = if index < BINS / 4 { index + BINS - BINS / 4 } else { index - BINS / 4 };
     (COSINES.get(index).copied().unwrap_or(0.0), COSINES.get(behind).copied().unwrap_or(0.0))
 }

@@ -4,8 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use foxhound_core::ConfigError;
 use foxhound_core::base::time::Instant;
-use foxhound_core::doa::rotating::{self, direction};
-use foxhound_core::localize::pursuit;
+use foxhound_papers::rotating::{direction, pursuit};
 
 use crate::world::random::Random;
 use crate::world::{Horizontal, wrap_pi};
@@ -68,7 +67,7 @@ impl Rule {
 
     /// The rules for a source that moves.
     pub(super) fn moving() -> Result<[Self; 3], ConfigError> {
-        let direction = rotating::direction::Config::default().build()?;
+        let direction = direction::Config::default().build()?;
         let pursuer = pursuit::Config::default().build()?;
         Ok([Self::Greedy, Self::Direction(direction, Box::default()), Self::FilteredMoving(pursuer, Box::default())])
     }

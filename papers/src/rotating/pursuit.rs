@@ -6,14 +6,14 @@
 //! bearings as outliers. So the first filter starts the second, and restarts it when the two contradict each other.
 //! Close to the source, where the direction changes fast and jumps, the first filter decides.
 
-use crate::base::error::ConfigError;
-use crate::base::math::sqrt;
-use crate::base::ned::Horizontal;
-use crate::base::time::Instant;
-use crate::base::units::wrap_pi;
-use crate::localize::source::{Estimate, Sighting, Update, polar};
+use foxhound_core::base::error::ConfigError;
+use foxhound_core::base::math::sqrt;
+use foxhound_core::base::ned::Horizontal;
+use foxhound_core::base::time::Instant;
+use foxhound_core::base::units::wrap_pi;
+use foxhound_core::localize::source::{Estimate, Sighting, Update, polar};
 
-use crate::doa::rotating::direction;
+use super::direction;
 
 /// Largest standard deviation of the direction at which the second filter is started.
 const START_SIGMA_RAD: f32 = 0.4;
@@ -149,14 +149,43 @@ impl Pursuer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::rng::Rng;
     use core::f32::consts::TAU;
+    use foxhound_core::base::rng::Rng;
+    use foxhound_core::localize::source::bank;
 
-    /// Flies towards a source at the origin; returns the length of the path over that of the straight line, and the
-    /// last course.
-    fn fly(seed: u64, outlier_rate: f32, sigma_rad: f32, worst_case: bool) -> (f32, Course) {
-        let pursuer = Config::default().build().unwrap();
-        let (mut state, mut rng) = (State::<2>::new(), Rng::new(seed, 1));
+    /// What says where to fly: both filters, or the bank that flies.
+    enum Rule {
+        Pursuit(Pursuer, State<2>),
+        Bank(bank::FilterBank, bank::State),
+    }
+
+    impl Rule {
+        fn pursuit() -> Self {
+            Self::Pursuit(Config::default().build().unwrap(), State::new())
+        }
+
+        fn bank() -> Self {
+            Self::Bank(bank::Config::default().build().unwrap(), bank::State::new())
+        }
+
+        fn bearing_rad(&mut self, step: u64, place_ned_m: Horizontal, heard_rad: f32, sigma_rad: f32) -> f32 {
+            match self {
+                Self::Pursuit(pursuer, state) => {
+                    let course = pursuer.step(state, Instant(step * 100_000), place_ned_m, heard_rad, sigma_rad);
+                    course.unwrap().bearing_ned_rad
+                }
+                Self::Bank(bank, state) => {
+                    let direction_ned = Horizontal::from_bearing(heard_rad);
+                    let sighting = Sighting { place_ned_m, direction_ned, sigma_rad, since_s: 0.1 };
+                    bank.step(state, &sighting, 0.0, &[]).unwrap().estimate.bearing_ned_rad
+                }
+            }
+        }
+    }
+
+    /// Flies towards a source at the origin; returns the length of the path over that of the straight line.
+    fn fly(mut rule: Rule, seed: u64, outlier_rate: f32, sigma_rad: f32, worst_case: bool) -> f32 {
+        let mut rng = Rng::new(seed, 1);
         let mut place = Horizontal { north: 30.0, east: -20.0 };
         let straight_m = place.norm();
         let mut k = 0_u64;
@@ -165,13 +194,17 @@ mod tests {
             let away = if worst_case { truth + core::f32::consts::PI } else { TAU * rng.uniform() };
             let outlier = (rng.uniform() <= outlier_rate).then_some(away);
             let heard = wrap_pi(outlier.unwrap_or(truth + sigma_rad * rng.gaussian()));
-            let course = pursuer.step(&mut state, Instant(k * 100_000), place, heard, sigma_rad).unwrap();
+            let bearing_rad = rule.bearing_rad(k, place, heard, sigma_rad);
             k += 1;
-            place = place.plus(Horizontal::from_bearing(course.bearing_ned_rad).times(0.1));
+            place = place.plus(Horizontal::from_bearing(bearing_rad).times(0.1));
             if place.norm() < 1.0 || k > 5000 {
-                return (k as f32 * 0.1 / straight_m, course);
+                return k as f32 * 0.1 / straight_m;
             }
         }
+    }
+
+    fn mean(rule: fn() -> Rule, outlier_rate: f32, sigma_rad: f32, worst_case: bool) -> f32 {
+        (0..40).map(|seed| fly(rule(), seed, outlier_rate, sigma_rad, worst_case)).sum::<f32>() / 40.0
     }
 
     #[test]
@@ -180,9 +213,18 @@ mod tests {
         for (outlier_rate, sigma_rad, worst_case, most) in
             [(0.0, 0.1, false, 1.02), (0.4, 0.35, false, 1.1), (0.6, 1.0, false, 1.6), (0.35, 0.35, true, 1.35)]
         {
-            let stretches = (0..40).map(|seed| fly(seed, outlier_rate, sigma_rad, worst_case).0);
-            let mean = stretches.sum::<f32>() / 40.0;
+            let mean = mean(Rule::pursuit, outlier_rate, sigma_rad, worst_case);
             assert!(mean < most, "{outlier_rate} {sigma_rad} {worst_case}: {mean}");
+        }
+    }
+
+    #[test]
+    fn the_bank_that_flies_is_as_good_up_to_one_outlier_in_four_and_close_beyond() {
+        for (outlier_rate, sigma_rad, most) in
+            [(0.0, 0.1, 1.005), (0.25, 0.35, 1.02), (0.4, 0.35, 1.04), (0.6, 1.0, 1.4)]
+        {
+            let [bank, pursuit] = [Rule::bank, Rule::pursuit].map(|rule| mean(rule, outlier_rate, sigma_rad, false));
+            assert!(bank < most * pursuit, "{outlier_rate} {sigma_rad}: {bank} {pursuit}");
         }
     }
 

@@ -17,13 +17,13 @@
 //! Weights on a grid are accurate enough for a density that is no narrower than half a bin; therefore the sigma of a
 //! bearing is never taken to be less than [`SIGMA_MIN_RAD`].
 
-use crate::base::error::{ConfigError, check};
-use crate::base::math::sqrt;
-use crate::base::time::Instant;
-use crate::base::units::wrap_pi;
+use foxhound_core::base::error::{ConfigError, check};
+use foxhound_core::base::math::sqrt;
+use foxhound_core::base::time::Instant;
+use foxhound_core::base::units::wrap_pi;
 
-use super::bins::{BIN_RAD, BINS};
-use super::pattern::table;
+use foxhound_core::doa::rotating::bins::{BIN_RAD, BINS};
+use foxhound_core::doa::rotating::pattern::table;
 
 /// The smallest sigma assumed for a bearing.
 pub const SIGMA_MIN_RAD: f32 = 0.7 * BIN_RAD;
@@ -184,7 +184,7 @@ impl Filter {
         Some(Estimate {
             bearing_ned_rad: libm::atan2f(east, north),
             sigma_rad: if length < 1.0 { sqrt(-2.0 * libm::logf(length)) } else { 0.0 },
-            outlier: crate::base::units::between(self.config.outlier_rate / BINS as f32 * scale, 0.0, 1.0),
+            outlier: foxhound_core::base::units::between(self.config.outlier_rate / BINS as f32 * scale, 0.0, 1.0),
             fast: fast * scale,
         })
     }
@@ -212,7 +212,7 @@ impl Filter {
 
     /// Likelihood of each direction for a bearing, times the width of a bin.
     fn likelihood(&self, bearing_ned_rad: f32, sigma_rad: f32) -> [f32; BINS] {
-        let sigma_rad = crate::base::units::between(sigma_rad, SIGMA_MIN_RAD, core::f32::consts::PI);
+        let sigma_rad = foxhound_core::base::units::between(sigma_rad, SIGMA_MIN_RAD, core::f32::consts::PI);
         let scale = 0.5 / (sigma_rad * sigma_rad);
         let mut all = [0.0; BINS];
         let mut sum = 0.0;
@@ -233,8 +233,8 @@ impl Filter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::rng::Rng;
     use core::f32::consts::{PI, TAU};
+    use foxhound_core::base::rng::Rng;
 
     fn hear(rng: &mut Rng, truth: f32, p: f32, sigma: f32) -> f32 {
         let outlier = (rng.uniform() <= p).then(|| TAU * rng.uniform());
