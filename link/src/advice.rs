@@ -1,10 +1,12 @@
-//! Checks the autopilot's own failsafe parameters: one that leaves a gap under our failsafes is reported, once each.
+//! Checks the autopilot's own parameters: one that leaves a gap under our failsafes, or holds the vehicle below our
+//! limits, is reported, once each.
 //!
 //! They are read by `PARAM_REQUEST_READ`, one at a time while we are not in control, three times at most. An autopilot
 //! that does not answer, or does not know the name, is left alone. Nothing is ever set. `ArduPilot` sends whole numbers
 //! as floats, PX4 puts the bytes of an integer in the place of the float; the message says which form it has.
 
 use foxhound_core::base::time::Instant;
+use foxhound_core::guidance::param::{self, Id, Values};
 
 use crate::CharArray;
 use crate::autopilot::Software;
@@ -23,31 +25,49 @@ struct Row {
 #[derive(Clone, Copy)]
 enum Hole {
     Above(f32),
+    Below(f32),
+    /// Less than our parameter, in the autopilot's unit: so many of its units are one of ours.
+    Under(Id, f32),
     Zero,
     WithoutBit(u32),
 }
 
 impl Hole {
-    fn is(self, value: f32) -> bool {
+    fn is(self, value: f32, ours: &Values) -> bool {
         match self {
             Self::Above(limit) => value > limit,
+            Self::Below(limit) => value < limit,
+            Self::Under(id, units) => value < units * ours.get(id),
             Self::Zero => value == 0.0,
             Self::WithoutBit(bit) => value as u32 & bit == 0,
         }
     }
 }
 
-/// `GUID_TIMEOUT` and `COM_OF_LOSS_T`: how long the vehicle flies on when we stop sending.
-const ARDUPILOT: [Row; 2] = [
+/// `GUID_TIMEOUT` and `COM_OF_LOSS_T`: how long the vehicle flies on when we stop sending. `WPNAV_SPEED`, cm/s, and
+/// `MPC_XY_VEL_MAX` bound the velocity that it follows, `WPNAV_ACCEL`, cm/s/s, how soon it stops; its stops were measured
+/// with the default of 250.
+const ARDUPILOT: [Row; 4] = [
     Row { name: "GUID_TIMEOUT", hole: Hole::Above(1.5), text: "Foxhound: GUID_TIMEOUT is long, set 1" },
     Row { name: "FS_GCS_ENABLE", hole: Hole::Zero, text: "Foxhound: FS_GCS_ENABLE is off" },
+    Row {
+        name: "WPNAV_SPEED",
+        hole: Hole::Under(param::FH_SPD_MAX, 100.0),
+        text: "Foxhound: WPNAV_SPEED is below FH_SPD_MAX",
+    },
+    Row { name: "WPNAV_ACCEL", hole: Hole::Below(250.0), text: "Foxhound: stops late: WPNAV_ACCEL, set 250" },
 ];
-const PX4: [Row; 2] = [
+const PX4: [Row; 3] = [
     Row { name: "COM_OF_LOSS_T", hole: Hole::Above(1.5), text: "Foxhound: COM_OF_LOSS_T is long, set 1" },
     Row {
         name: "COM_RC_OVERRIDE",
         hole: Hole::WithoutBit(2),
         text: "Foxhound: COM_RC_OVERRIDE: no sticks in OFFBOARD",
+    },
+    Row {
+        name: "MPC_XY_VEL_MAX",
+        hole: Hole::Under(param::FH_SPD_MAX, 1.0),
+        text: "Foxhound: MPC_XY_VEL_MAX is below FH_SPD_MAX",
     },
 ];
 
@@ -94,8 +114,14 @@ impl Advice {
         })
     }
 
-    /// The warning that the autopilot's answer calls for.
-    pub(crate) fn hear(&mut self, now: Instant, software: Software, answer: &PARAM_VALUE_DATA) -> Option<&'static str> {
+    /// The warning that the autopilot's answer calls for, beside our parameters.
+    pub(crate) fn hear(
+        &mut self,
+        now: Instant,
+        software: Software,
+        answer: &PARAM_VALUE_DATA,
+        ours: &Values,
+    ) -> Option<&'static str> {
         let row = rows(software).get(usize::from(self.row))?;
         let name = answer.param_id.split(|byte| *byte == 0).next().unwrap_or_default();
         if name != row.name.as_bytes() {
@@ -104,7 +130,7 @@ impl Advice {
         (self.row, self.tries, self.due) = (self.row + 1, 0, now);
         let is_bytes = software == Software::Px4 && answer.param_type != MavParamType::MAV_PARAM_TYPE_REAL32 as u8;
         let value = if is_bytes { answer.param_value.to_bits() as f32 } else { answer.param_value };
-        row.hole.is(value).then_some(row.text)
+        row.hole.is(value, ours).then_some(row.text)
     }
 }
 
@@ -136,14 +162,48 @@ mod tests {
         let at = |s: u64| Instant(s * 1_000_000);
         assert_eq!(asked(&mut advice, at(0), Software::ArduPilot).as_deref(), Some("GUID_TIMEOUT"));
         assert_eq!(asked(&mut advice, at(1), Software::ArduPilot), None);
-        assert_eq!(advice.hear(at(1), Software::ArduPilot, &answer("FENCE_ENABLE", 3.0, 9)), None);
-        let told = advice.hear(at(1), Software::ArduPilot, &answer("GUID_TIMEOUT", 3.0, 9));
+        assert_eq!(advice.hear(at(1), Software::ArduPilot, &answer("FENCE_ENABLE", 3.0, 9), &Values::DEFAULT), None);
+        let told = advice.hear(at(1), Software::ArduPilot, &answer("GUID_TIMEOUT", 3.0, 9), &Values::DEFAULT);
         assert_eq!(told, Some("Foxhound: GUID_TIMEOUT is long, set 1"));
         for s in [1, 3, 5] {
             assert_eq!(asked(&mut advice, at(s), Software::ArduPilot).as_deref(), Some("FS_GCS_ENABLE"));
         }
-        assert_eq!(asked(&mut advice, at(9), Software::ArduPilot), None, "nobody answers");
-        assert_eq!(advice.hear(at(9), Software::ArduPilot, &answer("FS_GCS_ENABLE", 0.0, 2)), None, "too late");
+        assert_eq!(asked(&mut advice, at(9), Software::ArduPilot).as_deref(), Some("WPNAV_SPEED"), "nobody answers");
+        let late = answer("FS_GCS_ENABLE", 0.0, 2);
+        assert_eq!(advice.hear(at(9), Software::ArduPilot, &late, &Values::DEFAULT), None, "too late");
+    }
+
+    /// The warnings of an autopilot that answers with these values, in the order of the requests.
+    fn told(software: Software, answers: &[f32], ours: &Values) -> std::vec::Vec<bool> {
+        let mut advice = Advice::new();
+        let mut told = std::vec::Vec::new();
+        for value in answers {
+            let name = asked(&mut advice, Instant(0), software).unwrap();
+            told.push(advice.hear(Instant(0), software, &answer(&name, *value, 9), ours).is_some());
+        }
+        assert_eq!(asked(&mut advice, Instant(0), software), None);
+        told
+    }
+
+    #[test]
+    fn an_autopilot_that_flies_slower_or_stops_later_than_planned_is_told() {
+        let mut fast = Values::DEFAULT;
+        fast.set(param::FH_SPD_MAX, 3.0).unwrap();
+        for (speed_cmps, accel_cmps2, ours, expected) in [
+            (1000.0, 250.0, &Values::DEFAULT, [false; 2]),
+            (90.0, 250.0, &Values::DEFAULT, [true, false]),
+            (250.0, 250.0, &Values::DEFAULT, [false, false]),
+            (250.0, 250.0, &fast, [true, false]),
+            (1000.0, 100.0, &Values::DEFAULT, [false, true]),
+        ] {
+            let told = told(Software::ArduPilot, &[1.0, 1.0, speed_cmps, accel_cmps2], ours);
+            assert_eq!(told[2..], expected, "{speed_cmps} {accel_cmps2}");
+        }
+        for (speed_mps, ours, expected) in
+            [(12.0, &Values::DEFAULT, false), (0.5, &Values::DEFAULT, true), (2.0, &fast, true)]
+        {
+            assert_eq!(told(Software::Px4, &[1.0, 3.0, speed_mps], ours).last(), Some(&expected));
+        }
     }
 
     #[test]
@@ -151,8 +211,16 @@ mod tests {
         for (bits, hole) in [(1_u32, true), (3, false), (2, false), (0, true)] {
             let mut advice = Advice::new();
             asked(&mut advice, Instant(0), Software::Px4);
-            assert_eq!(advice.hear(Instant(0), Software::Px4, &answer("COM_OF_LOSS_T", 1.0, 9)), None);
-            let told = advice.hear(Instant(0), Software::Px4, &answer("COM_RC_OVERRIDE", f32::from_bits(bits), 6));
+            assert_eq!(
+                advice.hear(Instant(0), Software::Px4, &answer("COM_OF_LOSS_T", 1.0, 9), &Values::DEFAULT),
+                None
+            );
+            let told = advice.hear(
+                Instant(0),
+                Software::Px4,
+                &answer("COM_RC_OVERRIDE", f32::from_bits(bits), 6),
+                &Values::DEFAULT,
+            );
             assert_eq!(told.is_some(), hole, "{bits}");
         }
     }

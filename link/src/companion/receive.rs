@@ -247,7 +247,7 @@ impl Companion {
             d::COMMAND_ACK_DATA::ID => self.on_ack(content),
             d::PARAM_VALUE_DATA::ID => {
                 let software = self.autopilot.map_or(Software::Other, |autopilot| autopilot.software);
-                if let Some(text) = self.advice.hear(now, software, &content.read()) {
+                if let Some(text) = self.advice.hear(now, software, &content.read(), self.params.values()) {
                     self.telemetry.warn(text);
                 }
             }
