@@ -4,6 +4,7 @@
 pub mod adc;
 pub mod config;
 pub mod error;
+pub mod history;
 pub mod math;
 pub mod ned;
 pub mod obstacle;

@@ -148,7 +148,12 @@ impl Config {
             scan: self.scan.build()?,
             map: self.map.build()?,
             tracks: self.tracks.build()?,
-            localizer: Localizer::build(&self.goal, &self.source, self.reflections)?,
+            localizer: Localizer::build(
+                &self.goal,
+                &self.source,
+                self.landing.as_ref().map(|landing| &landing.near),
+                self.reflections,
+            )?,
             searches: self.planner.explore.is_some(),
             vehicle_model,
             wind: self.wind.build(&vehicle_model, self.tick_s)?,

@@ -3,6 +3,7 @@
 use heapless::Vec;
 
 use super::{Guidance, OBSTACLES_MAX, Refused, mission, turning};
+use crate::base::history::Poses;
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Neighbour;
 use crate::base::ownship::{Agreement, Ownship};
@@ -39,6 +40,8 @@ pub struct State<const N: usize> {
 #[derive(Clone, Debug, Default)]
 pub(super) struct VehicleState {
     pub(super) ownship: Option<Ownship>,
+    /// Those of the last moments, while it may land.
+    pub(super) poses: Poses,
     pub(super) agreement: Agreement,
     pub(super) height_m: Option<f32>,
     pub(super) model: vehicle_model::State,

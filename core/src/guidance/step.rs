@@ -3,12 +3,14 @@
 use super::mission::{self, Behaviour, Control, Mission, Outcome, Progress};
 use super::turning::Turning;
 use super::{Guidance, Input, Output, State};
+use crate::base::history::{FullPose, Poses};
 use crate::base::ownship::{Ownship, Stale};
 use crate::base::trace::Trace;
 use crate::control::guard::{self, GuardInput, Setpoint};
 use crate::control::track::Demand;
 use crate::doa::bearing::{Bearing, Flags};
 use crate::landing;
+use crate::localize::source::near::Fix;
 use crate::planning::planner::{Plan, Searched, Verdict};
 use crate::planning::rollout::WAYPOINTS;
 
@@ -113,6 +115,8 @@ impl<const N: usize> Guidance<N> {
                     decision.outcome = Outcome::Landed;
                 } else {
                     state.arrival.landing = landing::State::default();
+                    state.belief.forget_near();
+                    state.vehicle.poses = Poses::default();
                     state.arrival.advice = None;
                 }
                 Command::default()
@@ -201,12 +205,14 @@ impl<const N: usize> Guidance<N> {
         if input.control != Control::Granted && !(input.is_landed && is_landing(state)) {
             return;
         }
-        let is_direct = !self.localizer.is_reflected(&state.belief);
+        let (now, ownship) = (input.now, input.ownship.as_ref());
+        let fix = landing::fresh(ownship, now).and_then(|ownship| self.approach(state, input, bearing, ownship));
         let facts = landing::Input {
-            now: input.now,
-            ownship: input.ownship.as_ref().filter(|ownship| ownship.is_plausible()),
+            now,
+            ownship,
             height_m: input.height_m,
-            bearing: bearing.filter(|_| is_direct),
+            poses: &state.vehicle.poses,
+            fix,
             estimate: state.belief.direct(),
             look: input.look,
             is_landed: input.is_landed,
@@ -220,6 +226,24 @@ impl<const N: usize> Guidance<N> {
             // It seeks again, from its present position.
             state.plans.end_active();
         }
+    }
+
+    /// The belief's fix of the source in the last metres.
+    fn approach(
+        &self,
+        state: &mut State<N>,
+        input: &Input<'_, N>,
+        bearing: Option<&Bearing>,
+        ownship: &Ownship,
+    ) -> Option<Fix> {
+        if let Some(jump) = state.vehicle.poses.note(ownship) {
+            state.belief.shift_near(jump);
+            state.arrival.landing.shift(jump);
+        }
+        let pose = FullPose::carried(ownship, input.now);
+        let heard = bearing.map(|bearing| (bearing, state.vehicle.poses.at(bearing.time).unwrap_or(pose)));
+        let height_m = landing::plausible_height_m(input.height_m);
+        self.localizer.observe_near(&mut state.belief, input.now, heard, &pose, height_m)
     }
 
     fn mission_input(&self, state: &State<N>, input: &Input<'_, N>, situation: &GuardInput) -> mission::Input {

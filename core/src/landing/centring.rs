@@ -16,8 +16,8 @@
 //! Cost: in the bench's `landing_step`.
 
 use super::observation::Pad;
-use super::pose::Pose;
 use crate::base::error::{ConfigError, check};
+use crate::base::history::FullPose;
 use crate::base::math::sqrt;
 use crate::base::ned::{Horizontal, Ned};
 use crate::base::time::Instant;
@@ -333,7 +333,7 @@ impl Pilot {
         track: &mut Track,
         pad: &Pad,
         time: Instant,
-        pose: &Pose,
+        pose: &FullPose,
         pad_radius_m: f32,
         ground_down_m: Option<f32>,
     ) -> Taken {

@@ -1,7 +1,8 @@
 //! The last metres: whether this is the beacon, where the pad is, and the descent onto it. A layer of its own, which
 //! may import `base`, `doa` and `localize`.
 //!
-//! The planner brings the vehicle near the beacon. [`arrival`] decides when it is there, or that this is ambiguous;
+//! The planner brings the vehicle near the beacon. the belief's filter near the source fixes it
+//! ([`near`]) and [`arrival`] decides when it is there, or that this is ambiguous;
 //! [`search`] searches within limits; [`centring`] flies to above the pad and down. The pad is detected by a separate
 //! crate (`foxhound-pad`). [`Lander::step`] is called in every step of the fast loop; as long as it has no demand the
 //! planner is followed, and the guard checks every demand. Without a camera the vehicle stays above the beacon and
@@ -54,23 +55,22 @@
 //! Cost: the bench's `landing_step`, which has a bearing in every step and a detection in some.
 
 use crate::base::error::{ConfigError, check};
+use crate::base::history::{FullPose, Poses};
 use crate::base::ned::{Horizontal, Ned};
 use crate::base::ownship::Ownship;
 use crate::base::time::Instant;
 use crate::base::units::between;
-use crate::doa::bearing::Bearing;
 use crate::localize::source::Estimate;
+use crate::localize::source::near::{self, Fix};
 
 pub mod arrival;
 pub mod centring;
 pub mod observation;
-pub mod pose;
 pub mod search;
 mod stages;
 
 use centring::Taken;
 use observation::{PadObservation, Seen};
-use pose::{Pose, Poses};
 
 /// Own position and attitude older than this are not used.
 const OWNSHIP_AGE_MAX_S: f32 = 0.5;
@@ -97,7 +97,9 @@ pub struct Config {
     pub attempt_s: f32,
     /// How long the whole landing may take.
     pub total_s: f32,
-    /// The estimate of the beacon's position.
+    /// The beacon's position in the last metres, as the belief estimates it.
+    pub near: near::Config,
+    /// When that is an arrival.
     pub arrival: arrival::Config,
     /// Search.
     pub search: search::Config,
@@ -116,6 +118,7 @@ impl Default for Config {
             approach_s: 20.0,
             attempt_s: 45.0,
             total_s: 240.0,
+            near: near::Config::default(),
             arrival: arrival::Config::default(),
             search: search::Config::default(),
             centring: centring::Config::default(),
@@ -137,7 +140,7 @@ impl Config {
         check("landing.total_s", self.total_s, 1.0, 3600.0)?;
         Ok(Lander {
             config: *self,
-            arrival: self.arrival.build()?,
+            arrival: self.arrival.build(self.near.near_m)?,
             search: self.search.build()?,
             pilot: self.centring.build()?,
         })
@@ -234,8 +237,10 @@ pub struct Input<'a> {
     pub ownship: Option<&'a Ownship>,
     /// Height over the ground, by a range finder.
     pub height_m: Option<f32>,
-    /// The bearing of this step, valid or not.
-    pub bearing: Option<&'a Bearing>,
+    /// The vehicle's poses of the last moments.
+    pub poses: &'a Poses,
+    /// The belief's fix of the beacon.
+    pub fix: Option<Fix>,
     /// The estimate of the source's filters, if the source is in line of sight.
     pub estimate: Option<&'a Estimate>,
     /// The detector's result for a frame.
@@ -278,10 +283,25 @@ pub struct Output {
     pub wants_land: bool,
 }
 
+/// The vehicle as last received, if that is plausible and recent.
+#[must_use]
+pub fn fresh(ownship: Option<&Ownship>, now: Instant) -> Option<&Ownship> {
+    let is_fresh = |at: Instant| now.seconds_since(at) < OWNSHIP_AGE_MAX_S && at.seconds_since(now) < OWNSHIP_AGE_MAX_S;
+    ownship
+        .filter(|ownship| ownship.is_plausible() && is_fresh(ownship.position_time) && is_fresh(ownship.attitude_time))
+}
+
+/// A range finder's height, if it is plausible.
+#[must_use]
+pub fn plausible_height_m(height_m: Option<f32>) -> Option<f32> {
+    height_m.filter(|height_m| *height_m > 0.0 && *height_m < FINDER_MAX_M)
+}
+
 /// The configured stage machine.
 ///
 /// ```
 /// # use foxhound_core::ConfigError;
+/// use foxhound_core::base::history::Poses;
 /// use foxhound_core::base::ned::Ned;
 /// use foxhound_core::base::ownship::Ownship;
 /// use foxhound_core::base::time::Instant;
@@ -296,7 +316,8 @@ pub struct Output {
 ///     now,
 ///     ownship: Some(&ownship),
 ///     height_m: None,
-///     bearing: None,
+///     poses: &Poses::default(),
+///     fix: None,
 ///     estimate: None,
 ///     look: None,
 ///     is_landed: false,
@@ -325,7 +346,6 @@ pub struct State {
     entered: Instant,
     attempted: Instant,
     began: Option<Instant>,
-    poses: Poses,
     arrival: arrival::State,
     search: search::State,
     track: centring::Track,
@@ -374,7 +394,8 @@ impl State {
         (self.settled_s, self.blocked_s, self.stands_s) = (0.0, 0.0, 0.0);
     }
 
-    fn shift(&mut self, by: Horizontal) {
+    /// The position has jumped: all stored positions are shifted.
+    pub fn shift(&mut self, by: Horizontal) {
         self.arrival.shift(by);
         self.search.shift(by);
         self.track.shift(by);
@@ -412,17 +433,9 @@ impl Lander {
     pub fn step(&self, state: &mut State, input: &Input<'_>) -> Output {
         let tick_s = if input.tick_s > 1e-3 && input.tick_s < 0.2 { input.tick_s } else { 0.02 };
         let now = input.now;
-        let is_fresh =
-            |at: Instant| now.seconds_since(at) < OWNSHIP_AGE_MAX_S && at.seconds_since(now) < OWNSHIP_AGE_MAX_S;
-        let heard = input.ownship.filter(|ownship| {
-            ownship.is_plausible() && is_fresh(ownship.position_time) && is_fresh(ownship.attitude_time)
-        });
-        let Some(ownship) = heard else { return self.hold_blindly(state, tick_s) };
-        if let Some(jump) = state.poses.note(ownship) {
-            state.shift(jump);
-        }
-        let height_m = input.height_m.filter(|height_m| *height_m > 0.0 && *height_m < FINDER_MAX_M);
-        let place = pose::carried(ownship, now);
+        let Some(ownship) = fresh(input.ownship, now) else { return self.hold_blindly(state, tick_s) };
+        let height_m = plausible_height_m(input.height_m);
+        let place = FullPose::carried(ownship, now).place_ned_m;
         let here = Here {
             now,
             tick_s,
@@ -432,21 +445,8 @@ impl Lander {
             down_mps: ownship.velocity_ned_mps.down,
             height_m,
         };
-        let pose = Pose {
-            place_ned_m: place,
-            roll_rad: ownship.roll_rad,
-            pitch_rad: ownship.pitch_rad,
-            yaw_rad: ownship.yaw_at(now),
-        };
-        if let Some(bearing) = input.bearing {
-            let pose = state.poses.at(bearing.time).unwrap_or(pose);
-            self.arrival.hear(&mut state.arrival, bearing, &pose, height_m);
-        }
-        if let Some(estimate) = input.estimate {
-            self.arrival.suggest(&mut state.arrival, estimate, &pose, height_m);
-        }
-        self.look(state, input.look.as_ref(), &here);
-        let verdict = self.arrival.judge(&mut state.arrival, now, place, input.estimate, tick_s);
+        self.look(state, input, &here);
+        let verdict = self.arrival.judge(&mut state.arrival, here.place_ned_m, input.fix, input.estimate, tick_s);
 
         state.blocked_s = if input.is_blocked { state.blocked_s + tick_s } else { 0.0 };
         self.mind_time(state, now);
@@ -457,16 +457,15 @@ impl Lander {
             state.velocity_ned_mps = here.velocity_ned_mps.clamped(self.config.centring.speed_max_mps);
             state.down_mps = 0.0;
         }
-        self.output(state, demand, &here)
+        self.output(state, input, demand)
     }
 
-    fn output(&self, state: &State, demand: Option<(Horizontal, f32)>, here: &Here) -> Output {
+    fn output(&self, state: &State, input: &Input<'_>, demand: Option<(Horizontal, f32)>) -> Output {
         let target = if state.track.is_sure() {
             let (place_ned_m, sigma_m) = (state.track.place_ned_m(), state.track.sigma_m());
             Some(Target { place_ned_m, sigma_m, is_pad: true })
         } else {
-            let fix = self.arrival.fix(&state.arrival, here.place_ned_m, here.down_m);
-            fix.map(|fix| Target { place_ned_m: fix.place_ned_m, sigma_m: fix.sigma_m, is_pad: false })
+            input.fix.map(|fix| Target { place_ned_m: fix.place_ned_m, sigma_m: fix.sigma_m, is_pad: false })
         };
         let is_there =
             state.stage == Stage::Landed || (state.stage == Stage::HandedOver && state.reason == Some(Reason::Arrived));
@@ -491,12 +490,12 @@ impl Lander {
     }
 
     /// Frames -> pad.
-    fn look(&self, state: &mut State, look: Option<&PadObservation>, here: &Here) {
+    fn look(&self, state: &mut State, input: &Input<'_>, here: &Here) {
         let ground_down_m = here.height_m.map(|height_m| here.down_m + height_m);
         if let (Some(ground_down_m), Some(height_m)) = (ground_down_m, here.height_m) {
             state.track.level(ground_down_m, height_m, here.tick_s);
         }
-        let Some(look) = look.filter(|_| self.config.has_camera) else { return };
+        let Some(look) = input.look.filter(|_| self.config.has_camera) else { return };
         let pad = match look.seen {
             Seen::Bad(_) => return,
             Seen::Nothing(_) => None,
@@ -504,7 +503,7 @@ impl Lander {
         };
         state.framed = Some(here.now);
         // A detection whose attitude is not known any more cannot be used.
-        let (Some(pad), Some(pose)) = (pad, state.poses.at(look.time)) else { return };
+        let (Some(pad), Some(pose)) = (pad, input.poses.at(look.time)) else { return };
         let radius_m = self.config.pad_radius_m;
         let taken = self.pilot.see(&mut state.track, &pad, look.time, &pose, radius_m, ground_down_m);
         state.lacks_height |= taken == Taken::NoHeight;

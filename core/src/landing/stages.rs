@@ -83,7 +83,7 @@ impl Lander {
             }
         };
         match verdict {
-            Verdict::Known(_) if !state.arrival.is_long_near(&self.config.arrival) => {}
+            Verdict::Known(_) if !self.arrival.is_long_near(&state.arrival) => {}
             Verdict::Arrived(fix) | Verdict::Known(fix) => {
                 state.goal_ned_m = fix.place_ned_m.horizontal();
                 state.integral_mps = Horizontal::default();

@@ -1,12 +1,14 @@
 //! The belief about the source: everything that the bearings have shown, and the only place where later stages ask.
 //!
 //! Bearings are averaged ([`goal`]) and gathered into sightings ([`gathering`]); the link is classified as direct or
-//! reflected ([`link_state`]); a bank of filters estimates the source's position from the sightings ([`bank`]).
+//! reflected ([`link_state`]); a bank of filters estimates the source's position from the sightings ([`bank`]), and in
+//! the last metres one filter from the bearings ([`near`]).
 //!
 //! [`goal`]: crate::localize::goal
 //! [`gathering`]: crate::localize::source::gather
 
 use crate::base::error::ConfigError;
+use crate::base::history::FullPose;
 use crate::base::ned::Horizontal;
 use crate::base::ownship::Ownship;
 use crate::base::time::Instant;
@@ -16,6 +18,7 @@ use crate::localize::goal;
 use crate::localize::link_state::{self, Classifier, Sightline};
 use crate::localize::source::bank::{self, Answer, Mode, Path};
 use crate::localize::source::gather::Gathering;
+use crate::localize::source::near::{self, Fix, Near};
 use crate::localize::source::support::Support;
 use crate::localize::source::{Estimate, Sighting};
 use crate::mapping::walls::Wall;
@@ -31,6 +34,8 @@ const SURE: f32 = 0.7;
 pub struct Localizer {
     goal: goal::Seeker,
     bank: bank::FilterBank,
+    /// Where the last metres matter.
+    near: Option<Near>,
     reflections: bool,
     reflected_min: f32,
     slack_m: f32,
@@ -48,17 +53,28 @@ pub struct State {
     bank: bank::State,
     /// The bank's last answer.
     answer: Option<Answer>,
+    near: near::State,
 }
 
 impl Localizer {
-    /// The stage of two configurations; `reflections` is whether reflections are considered.
+    /// The stage of its filters' configurations; the last metres are estimated where `near` is given. `reflections` is
+    /// whether reflections are considered.
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(goal: &goal::Config, bank: &bank::Config, reflections: bool) -> Result<Self, ConfigError> {
+    pub fn build(
+        goal: &goal::Config,
+        bank: &bank::Config,
+        near: Option<&near::Config>,
+        reflections: bool,
+    ) -> Result<Self, ConfigError> {
         Ok(Self {
             goal: goal.build()?,
             bank: bank.build()?,
+            near: match near {
+                Some(near) => Some(near.build()?),
+                None => None,
+            },
             reflections,
             reflected_min: bank.reflected_min,
             slack_m: bank.slack_m,
@@ -112,6 +128,27 @@ impl Localizer {
         let bearing = joined.bearing(ownship, state.average.depression_rad());
         let usable = bearing.valid.then(|| self.goal.observe(&mut state.average, &bearing, ownship));
         (bearing, usable)
+    }
+
+    /// The source's position in the last metres, with a bearing and the pose in which it was measured, if there is one.
+    /// `pose` is the vehicle's present one, `height_m` its height over the ground.
+    pub fn observe_near(
+        &self,
+        state: &mut State,
+        now: Instant,
+        bearing: Option<(&Bearing, FullPose)>,
+        pose: &FullPose,
+        height_m: Option<f32>,
+    ) -> Option<Fix> {
+        let near = self.near.as_ref()?;
+        if let Some((bearing, pose)) = bearing.filter(|_| !self.is_reflected(state)) {
+            near.hear(&mut state.near, bearing, &pose, height_m);
+        }
+        if let Some(estimate) = state.answer.filter(|answer| answer.path == Path::Direct).map(|answer| answer.estimate)
+        {
+            near.suggest(&mut state.near, &estimate, pose, height_m);
+        }
+        near.fix(&state.near, now, pose.place_ned_m)
     }
 
     /// Probability that the link is reflected, from a bearing or its absence.
@@ -200,6 +237,16 @@ impl State {
     /// The link is direct, since nothing is known about it.
     pub fn assume_direct(&mut self) {
         self.reflected = 0.0;
+    }
+
+    /// The position has jumped: the fix of the last metres is shifted.
+    pub fn shift_near(&mut self, by: Horizontal) {
+        self.near.shift(by);
+    }
+
+    /// The last metres are estimated anew.
+    pub fn forget_near(&mut self) {
+        self.near = near::State::default();
     }
 
     /// Gathers the places where the source may be.

@@ -1,18 +1,18 @@
 //! The fix of the beacon, and configurations that are refused.
 
-use super::super::arrival::{Arrival, Fix};
 use super::super::*;
 use super::model::{Flight, World, towards_beacon};
+use super::{Landing, Memory};
 use crate::base::rng::Rng;
 use crate::base::units::wrap_pi;
-use crate::doa::bearing::{Flags, Quality};
+use crate::doa::bearing::{Bearing, Flags, Quality};
 
 /// Bearings of a beacon from a vehicle that hovers 2 m above it, for some seconds.
 fn hovering(beacon: Horizontal, yaw_rad: f32, roll_rad: f32, flags: Flags) -> Option<Fix> {
-    let arrival = arrival::Config::default().build().unwrap();
-    let mut state = arrival::State::default();
+    let near = near::Config::default().build().unwrap();
+    let mut state = near::State::default();
     let place_ned_m = Ned { down: -2.0, ..Ned::default() };
-    let pose = Pose { place_ned_m, roll_rad, yaw_rad, ..Pose::default() };
+    let pose = FullPose { place_ned_m, roll_rad, yaw_rad, ..FullPose::default() };
     for step in 1..200_u64 {
         let axes = pose.axes();
         let range_m = libm::sqrtf(beacon.norm_squared() + 4.0);
@@ -29,13 +29,9 @@ fn hovering(beacon: Horizontal, yaw_rad: f32, roll_rad: f32, flags: Flags) -> Op
             quality: Quality { wavenumber: k, snr_db: 20.0, ..Quality::default() },
             flags,
         };
-        arrival.hear(&mut state, &bearing, &pose, None);
+        near.hear(&mut state, &bearing, &pose, None);
     }
-    fixed(&arrival, &state)
-}
-
-fn fixed(arrival: &Arrival, state: &arrival::State) -> Option<Fix> {
-    arrival.fix(state, Horizontal::default(), -2.0)
+    near.fix(&state, Instant(20_000 * 199), place_ned_m)
 }
 
 #[test]
@@ -63,7 +59,7 @@ fn overhead_a_bearing_without_an_azimuth_is_a_good_one_and_without_a_calibration
 
 #[test]
 fn the_fix_errs_no_more_than_it_says() {
-    let lander = Config::default().build().unwrap();
+    let lander = Landing::new(Config::default());
     let (mut squares, mut count, mut worst) = (0.0_f32, 0.0_f32, 0.0_f32);
     for seed in 0..100 {
         let mut rng = Rng::new(seed, 31);
@@ -72,7 +68,7 @@ fn the_fix_errs_no_more_than_it_says() {
         let start_ned_m = Ned { down: -2.0 + rng.gaussian().clamp(-1.0, 1.0), ..Ned::default() };
         let beacon_ned_m = Ned { north: direction.north, east: direction.east, down: 0.0 };
         let world = World { seed, start_ned_m, beacon_ned_m, bias_rad: 5.0 / 57.3, ..World::new(seed) };
-        let (mut flight, mut state) = (Flight::new(world), State::default());
+        let (mut flight, mut state) = (Flight::new(world), Memory::default());
         let mut last = Stage::Seeking;
         while flight.time_s() < 60.0 && last != Stage::HandedOver {
             let output = flight.step(&lander, &mut state, towards_beacon);

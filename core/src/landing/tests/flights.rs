@@ -2,14 +2,15 @@
 
 use super::super::*;
 use super::model::{Answer, Flight, World, restless, towards_beacon};
+use super::{Landing, Memory};
 use crate::base::rng::Rng;
 
 /// How near to the pad's middle it must land, and how near to the beacon it must hover without a camera.
 const ON_PAD_M: f32 = 0.15;
 const ABOVE_BEACON_M: f32 = 1.5;
 
-fn camera() -> Lander {
-    Config { has_camera: true, ..Config::default() }.build().unwrap()
+fn camera() -> Landing {
+    Landing::new(Config { has_camera: true, ..Config::default() })
 }
 
 /// A beacon with a pad near it; one detection in ten is of something else, one is missing.
@@ -91,7 +92,7 @@ fn late_and_rare_looks_do_no_harm() {
 
 /// Flights without a camera: each hovers within reach of the beacon, or gives a reason. Returns how many arrived.
 fn seek(name: &str, flights: u64, row: World) -> u32 {
-    let lander = Config::default().build().unwrap();
+    let lander = Landing::new(Config::default());
     let mut arrived = 0;
     for seed in 0..flights {
         let mut rng = Rng::new(seed, 9);
@@ -140,7 +141,7 @@ fn a_jump_of_the_autopilots_position_leads_nowhere_else() {
     let lander = camera();
     for seed in 0..20 {
         let mut flight = Flight::new(landing(seed));
-        let mut state = State::default();
+        let mut state = Memory::default();
         let mut jumped = false;
         while flight.time_s() < 100.0 {
             let output = flight.step(&lander, &mut state, towards_beacon);

@@ -2,7 +2,7 @@
 
 use super::super::observation::{Bad, Nothing, Pad, PadObservation, Seen};
 use super::super::*;
-use super::{TICK_US, nothing};
+use super::{Landing, Memory, TICK_US, Told, nothing};
 use crate::base::rng::Rng;
 use crate::doa::bearing::{Bearing, Flags, Quality};
 
@@ -91,9 +91,9 @@ fn no_facts_lead_to_a_demand_outside_of_the_limits() {
         let mut rng = Rng::new(seed, 21);
         let wildness = [0.0, 0.003, 0.03, 0.3][(seed % 4) as usize];
         let config = Config { has_camera: seed % 3 > 0, ..Config::default() };
-        let lander = config.build().unwrap();
+        let lander = Landing::new(config);
         let c = config.centring;
-        let mut state = State::default();
+        let mut state = Memory::default();
         let mut last: Option<(Horizontal, f32)> = None;
         let mut now = 10_000_000;
         for _ in 0..1_500 {
@@ -110,7 +110,7 @@ fn no_facts_lead_to_a_demand_outside_of_the_limits() {
                 range_sigma_ratio: some(&mut rng, 0.3, wildness),
                 ..Estimate::default()
             };
-            let input = Input {
+            let input = Told {
                 ownship: (rng.uniform() > 0.02).then_some(&ownship),
                 height_m: (seed % 2 == 0).then_some(some(&mut rng, 2.0, wildness)),
                 bearing: (rng.uniform() > 0.1).then_some(&bearing),
@@ -148,7 +148,7 @@ fn no_facts_lead_to_a_demand_outside_of_the_limits() {
                 assert!(target.place_ned_m.is_finite() && target.sigma_m.is_finite(), "seed {seed}: {target:?}");
             }
             if matches!(output.stage, Stage::Landed | Stage::HandedOver) {
-                (state, last) = (State::default(), None);
+                (state, last) = (Memory::default(), None);
             }
         }
     }

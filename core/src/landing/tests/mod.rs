@@ -10,8 +10,65 @@ use core::mem::size_of;
 
 use super::observation::{Bad, Pad, PadObservation, Seen};
 use super::*;
+use crate::doa::bearing::Bearing;
 
 pub(super) const TICK_US: u64 = 20_000;
+
+/// The landing behind the belief's filter of the last metres, as guidance calls them.
+pub(super) struct Landing {
+    lander: Lander,
+    near: near::Near,
+}
+
+/// The state of both.
+#[derive(Default)]
+pub(super) struct Memory {
+    pub(super) landing: State,
+    near: near::State,
+    poses: Poses,
+}
+
+/// What both are told in a step.
+pub(super) struct Told<'a> {
+    pub(super) now: Instant,
+    pub(super) ownship: Option<&'a Ownship>,
+    pub(super) height_m: Option<f32>,
+    pub(super) bearing: Option<&'a Bearing>,
+    pub(super) estimate: Option<&'a Estimate>,
+    pub(super) look: Option<PadObservation>,
+    pub(super) is_landed: bool,
+    pub(super) is_blocked: bool,
+    pub(super) tick_s: f32,
+}
+
+impl Landing {
+    pub(super) fn new(config: Config) -> Self {
+        Self { lander: config.build().unwrap(), near: config.near.build().unwrap() }
+    }
+
+    pub(super) fn step(&self, state: &mut Memory, told: &Told<'_>) -> Output {
+        let Told { now, ownship, height_m, bearing, estimate, look, is_landed, is_blocked, tick_s } = *told;
+        let fix = fresh(ownship, now).and_then(|ownship| {
+            if let Some(jump) = state.poses.note(ownship) {
+                state.near.shift(jump);
+                state.landing.shift(jump);
+            }
+            let pose = FullPose::carried(ownship, now);
+            let height_m = plausible_height_m(height_m);
+            if let Some(bearing) = bearing {
+                let pose = state.poses.at(bearing.time).unwrap_or(pose);
+                self.near.hear(&mut state.near, bearing, &pose, height_m);
+            }
+            if let Some(estimate) = estimate {
+                self.near.suggest(&mut state.near, estimate, &pose, height_m);
+            }
+            self.near.fix(&state.near, now, pose.place_ned_m)
+        });
+        let poses = &state.poses;
+        let input = Input { now, ownship, height_m, poses, fix, estimate, look, is_landed, is_blocked, tick_s };
+        self.lander.step(&mut state.landing, &input)
+    }
+}
 
 /// A vehicle that hovers.
 fn hovering(micros: u64, place: Ned, yaw_rad: f32) -> Ownship {
@@ -24,8 +81,8 @@ fn hovering(micros: u64, place: Ned, yaw_rad: f32) -> Ownship {
     }
 }
 
-pub(super) fn nothing(micros: u64) -> Input<'static> {
-    Input {
+pub(super) fn nothing(micros: u64) -> Told<'static> {
+    Told {
         now: Instant(micros),
         ownship: None,
         height_m: None,
@@ -56,15 +113,15 @@ fn shown(place: Ned, yaw_rad: f32, seen: impl Fn(u64) -> Option<Seen>, seconds: 
 
 /// The same with delayed detections.
 fn shown_late(place: Ned, yaw_rad: f32, seen: impl Fn(u64) -> Option<Seen>, seconds: f32, late_us: u64) -> Output {
-    let lander = Config { has_camera: true, ..Config::default() }.build().unwrap();
+    let lander = Landing::new(Config { has_camera: true, ..Config::default() });
     let estimate = Estimate { covariance_m2: [0.1, 0.0, 0.1], ..Estimate::default() };
-    let mut state = State::default();
+    let mut state = Memory::default();
     let mut output = Output::default();
     for tick in 0..(seconds * 50.0) as u64 {
         let micros = 10_000_000 + tick * TICK_US;
         let ownship = hovering(micros, place, yaw_rad);
         let look = seen(tick).map(|seen| PadObservation { time: Instant(micros - late_us), seen });
-        let input = Input { ownship: Some(&ownship), estimate: Some(&estimate), look, ..nothing(micros) };
+        let input = Told { ownship: Some(&ownship), estimate: Some(&estimate), look, ..nothing(micros) };
         output = lander.step(&mut state, &input);
     }
     output

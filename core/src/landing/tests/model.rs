@@ -5,10 +5,10 @@ use std::vec::Vec;
 
 use super::super::observation::{Bad, Nothing, Pad, PadObservation, Seen};
 use super::super::*;
-use super::{TICK_US, nothing};
+use super::{Landing, Memory, TICK_US, Told, nothing};
+use crate::base::history::{Axes, FullPose};
 use crate::base::rng::Rng;
 use crate::doa::bearing::{Bearing, Flags, Quality};
-use crate::landing::pose::Axes;
 
 const TICK_S: f32 = 0.02;
 const GRAVITY_MPS2: f32 = 9.81;
@@ -241,7 +241,8 @@ impl Flight {
     }
 
     fn axes(&self) -> Axes {
-        Pose { roll_rad: self.roll_rad, pitch_rad: self.pitch_rad, yaw_rad: self.yaw_rad, ..Pose::default() }.axes()
+        FullPose { roll_rad: self.roll_rad, pitch_rad: self.pitch_rad, yaw_rad: self.yaw_rad, ..FullPose::default() }
+            .axes()
     }
 
     /// A vector in the body frame.
@@ -348,7 +349,12 @@ impl Flight {
     }
 
     /// One step: input to the lander, and its demand, or the planner's, to the vehicle.
-    pub(super) fn step(&mut self, lander: &Lander, state: &mut State, planner: impl Fn(&Self) -> Horizontal) -> Output {
+    pub(super) fn step(
+        &mut self,
+        lander: &Landing,
+        state: &mut Memory,
+        planner: impl Fn(&Self) -> Horizontal,
+    ) -> Output {
         self.told.push_back(self.ownship());
         if self.told.len() > HEARD_LATE_TICKS {
             self.told.pop_front();
@@ -373,7 +379,7 @@ impl Flight {
         let estimate = self.world.believed_ned_m.map(believed);
         let is_down = self.lands_at.is_some() && self.place_ned_m[2] >= self.world.ground_down_m - 1e-3;
         let finder = self.world.has_finder.then(|| 0.1 - self.place_ned_m[2] + 0.02 * self.rng.gaussian());
-        let input = Input {
+        let input = Told {
             ownship: told.as_ref(),
             height_m: finder,
             bearing: bearing.as_ref(),
@@ -385,7 +391,7 @@ impl Flight {
         };
         let before = advice_before(state);
         let output = lander.step(state, &input);
-        let c = &lander.config.centring;
+        let c = &lander.lander.config.centring;
         if let Some((velocity, down_mps)) = output.demand {
             assert!(velocity.norm() <= c.speed_max_mps * 1.001 && velocity.is_finite(), "{output:?}");
             assert!(down_mps >= -c.climb_mps && down_mps <= c.descent_max_mps, "{output:?}");
@@ -451,11 +457,11 @@ impl Flight {
     /// Flies until it has handed over or landed; returns the stages in order.
     pub(super) fn run(
         &mut self,
-        lander: &Lander,
+        lander: &Landing,
         limit_s: f32,
         planner: impl Fn(&Self) -> Horizontal,
     ) -> (Output, Vec<Stage>) {
-        let mut state = State::default();
+        let mut state = Memory::default();
         let mut stages = Vec::new();
         let mut output = Output::default();
         while self.time_s() < limit_s {
@@ -472,8 +478,8 @@ impl Flight {
 }
 
 /// The velocity at which the demand begins.
-fn advice_before(state: &State) -> (Horizontal, f32) {
-    (state.velocity_ned_mps, state.down_mps)
+fn advice_before(state: &Memory) -> (Horizontal, f32) {
+    (state.landing.velocity_ned_mps, state.landing.down_mps)
 }
 
 /// A planner that knows where the beacon is and stops there.

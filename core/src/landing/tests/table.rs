@@ -5,6 +5,7 @@ use std::vec::Vec;
 use super::super::*;
 use super::flights::landing;
 use super::model::{Camera, Flight, NEVER, World, restless, stay, towards_beacon};
+use super::{Landing, Memory};
 
 const FOR_EVER: f32 = 1e9;
 
@@ -24,8 +25,8 @@ fn camera() -> Config {
 
 /// Flies; returns the last output, and every stage with its reason.
 fn fly(config: Config, world: World) -> (Output, Vec<(Stage, Option<Reason>)>) {
-    let lander = config.build().unwrap();
-    let (mut flight, mut state) = (Flight::new(world), State::default());
+    let lander = Landing::new(config);
+    let (mut flight, mut state) = (Flight::new(world), Memory::default());
     let (mut output, mut trail) = (Output::default(), Vec::new());
     while flight.time_s() < 200.0 {
         output = flight.step(&lander, &mut state, towards_beacon);
@@ -52,8 +53,8 @@ fn ends(config: Config, world: World, reason: Reason, after: Stage) {
 
 /// When a stage begins in a flight.
 fn begins(config: Config, world: World, stage: Stage) -> f32 {
-    let lander = config.build().unwrap();
-    let (mut flight, mut state) = (Flight::new(world), State::default());
+    let lander = Landing::new(config);
+    let (mut flight, mut state) = (Flight::new(world), Memory::default());
     while flight.time_s() < 200.0 {
         if flight.step(&lander, &mut state, towards_beacon).stage == stage {
             return flight.time_s();
@@ -78,8 +79,8 @@ fn far_away_the_planner_is_followed_whatever_is_heard() {
                 // Back and forth across the bearing.
                 Horizontal { north: 0.0, east: libm::cosf(0.8 * flight.time_s()) }
             }] {
-                let lander = camera().build().unwrap();
-                let (mut flight, mut state) = (Flight::new(World { seed, ..world }), State::default());
+                let lander = Landing::new(camera());
+                let (mut flight, mut state) = (Flight::new(World { seed, ..world }), Memory::default());
                 while flight.time_s() < 40.0 {
                     let output = flight.step(&lander, &mut state, planner);
                     assert!(output.stage == Stage::Seeking && output.demand.is_none(), "{seed}: {output:?} {world:?}");
@@ -93,9 +94,9 @@ fn far_away_the_planner_is_followed_whatever_is_heard() {
 fn a_bearing_that_swings_from_a_reflection_to_the_source_is_no_arrival() {
     // Flying north towards a mirror image; after 6 s the source itself is received, 12 m to the south, behind.
     for has_elevation in [false, true] {
-        let lander = Config::default().build().unwrap();
+        let lander = Landing::new(Config::default());
         let world = World { has_elevation, beacon_ned_m: Ned { north: 20.0, ..Ned::default() }, ..quiet() };
-        let (mut flight, mut state) = (Flight::new(world), State::default());
+        let (mut flight, mut state) = (Flight::new(world), Memory::default());
         while flight.time_s() < 16.0 {
             if flight.time_s() > 6.0 {
                 flight.world.beacon_ned_m = Ned { north: -12.0, ..Ned::default() };
@@ -126,7 +127,7 @@ fn near_for_long_and_not_known_it_searches_until_it_knows() {
         believed_ned_m: Some(Horizontal { north: 4.5, east: 0.5 }),
         ..quiet()
     };
-    let lander = Config::default().build().unwrap();
+    let lander = Landing::new(Config::default());
     let (output, stages) = Flight::new(world).run(&lander, 100.0, stay);
     assert_eq!(output.reason, Some(Reason::Arrived), "{stages:?}");
     assert!(stages.windows(2).any(|pair| pair == [Stage::SearchingBeacon, Stage::Approaching]), "{stages:?}");
@@ -148,10 +149,10 @@ fn a_beacon_that_is_not_found_is_searched_for_within_limits() {
         (limited(search::Config { time_s: 3.0, ..short }), world, Reason::TimeLimit),
         (limited(short), World { blocked_s: (8.0, FOR_EVER), ..world }, Reason::Blocked),
     ] {
-        let lander = config.build().unwrap();
+        let lander = Landing::new(config);
         let (mut ended, mut farthest_m) = (0, 0.0_f32);
         for seed in 0..10 {
-            let (mut flight, mut state) = (Flight::new(World { seed, ..world }), State::default());
+            let (mut flight, mut state) = (Flight::new(World { seed, ..world }), Memory::default());
             while flight.time_s() < 150.0 {
                 let output = flight.step(&lander, &mut state, stay);
                 farthest_m = farthest_m.max(flight.here().minus(Horizontal { north: 4.5, east: 0.5 }).norm());
@@ -248,9 +249,9 @@ fn a_pad_that_is_lost_is_waited_for_climbed_for_and_searched_for() {
 #[test]
 fn it_climbs_for_a_lost_pad_so_far_and_no_farther() {
     let config = camera();
-    let lander = config.build().unwrap();
+    let lander = Landing::new(config);
     let from_s = begins(config, quiet(), Stage::Descending) + 0.5;
-    let (mut flight, mut state) = (Flight::new(World { covered_s: (from_s, FOR_EVER), ..quiet() }), State::default());
+    let (mut flight, mut state) = (Flight::new(World { covered_s: (from_s, FOR_EVER), ..quiet() }), Memory::default());
     let mut highest_m = 0.0_f32;
     while flight.time_s() < 100.0 {
         flight.step(&lander, &mut state, towards_beacon);
@@ -270,8 +271,8 @@ fn not_coming_into_the_cone_in_time_is_a_reason() {
 fn on_the_ground_it_stands_still_and_disarms_only_if_the_user_wants_it() {
     for request_land in [false, true] {
         for says_landed in [false, true] {
-            let lander = Config { request_land, ..camera() }.build().unwrap();
-            let (mut flight, mut state) = (Flight::new(World { says_landed, ..quiet() }), State::default());
+            let lander = Landing::new(Config { request_land, ..camera() });
+            let (mut flight, mut state) = (Flight::new(World { says_landed, ..quiet() }), Memory::default());
             let mut output = Output::default();
             while flight.time_s() < 60.0 {
                 output = flight.step(&lander, &mut state, towards_beacon);
@@ -305,8 +306,8 @@ fn without_a_word_of_the_own_vehicle_it_stops_says_so_and_goes_on_afterwards() {
     let from_s = begins(camera(), quiet(), Stage::Descending) + 0.3;
     let span = (from_s, from_s + 2.0);
     for world in [World { silent_s: span, ..quiet() }, World { nan_s: span, ..quiet() }] {
-        let lander = camera().build().unwrap();
-        let (mut flight, mut state) = (Flight::new(world), State::default());
+        let lander = Landing::new(camera());
+        let (mut flight, mut state) = (Flight::new(world), Memory::default());
         while flight.time_s() < 60.0 {
             let output = flight.step(&lander, &mut state, towards_beacon);
             if flight.time_s() > from_s + 0.6 && flight.time_s() < span.1 {
@@ -316,19 +317,19 @@ fn without_a_word_of_the_own_vehicle_it_stops_says_so_and_goes_on_afterwards() {
                 );
             }
         }
-        assert_eq!(state.stage(), Stage::Landed);
+        assert_eq!(state.landing.stage(), Stage::Landed);
     }
     // Before it has taken over, it does not act.
-    let (mut flight, mut state) = (Flight::new(World { silent_s: (0.0, FOR_EVER), ..quiet() }), State::default());
-    let output = flight.step(&camera().build().unwrap(), &mut state, stay);
+    let (mut flight, mut state) = (Flight::new(World { silent_s: (0.0, FOR_EVER), ..quiet() }), Memory::default());
+    let output = flight.step(&Landing::new(camera()), &mut state, stay);
     assert_eq!((output.demand, output.reason), (None, Some(Reason::NoOwnship)));
 }
 
 #[test]
 fn all_of_it_has_an_end_and_the_end_is_one() {
     let config = Config { total_s: 3.0, ..camera() };
-    let lander = config.build().unwrap();
-    let (mut flight, mut state) = (Flight::new(World { covered_s: NEVER, ..quiet() }), State::default());
+    let lander = Landing::new(config);
+    let (mut flight, mut state) = (Flight::new(World { covered_s: NEVER, ..quiet() }), Memory::default());
     let mut over_s = None;
     while flight.time_s() < 60.0 {
         let output = flight.step(&lander, &mut state, towards_beacon);

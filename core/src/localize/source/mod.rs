@@ -3,6 +3,7 @@
 //! - [`polar`], the default: bearing, inverse range and, for a source that moves, its velocity over the range. A
 //!   bearing contains no range; the filter keeps the range uncertain until the vehicle's motion determines it.
 //! - [`bank`]: several such filters, for a source whose signal may be reflected by a wall.
+//! - [`near`]: the last metres, in Cartesian coordinates.
 //! - [`support`]: the places where the source may be, for the planner.
 //! - [`covariance`]: keeps a filter's covariance positive definite.
 //!
@@ -16,6 +17,7 @@ mod series;
 pub mod bank;
 pub mod covariance;
 pub mod gather;
+pub mod near;
 #[cfg(test)]
 mod particles;
 pub mod polar;

@@ -18,7 +18,7 @@ const JUMP_M: f32 = 0.7;
 
 /// Position and attitude at an instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Pose {
+pub struct FullPose {
     /// Local NED.
     pub place_ned_m: Ned,
     /// Right side down positive.
@@ -40,7 +40,21 @@ pub struct Axes {
     pub down: Ned,
 }
 
-impl Pose {
+impl FullPose {
+    /// The vehicle's pose at an instant, extrapolated by its velocity and its yaw rate.
+    #[must_use]
+    pub fn carried(ownship: &Ownship, at: Instant) -> Self {
+        let ahead_s = at.seconds_since(ownship.position_time) - ownship.position_time.seconds_since(at);
+        let ahead_s = ahead_s.clamp(-CARRIED_S, CARRIED_S);
+        let (place, velocity) = (ownship.position_ned_m, ownship.velocity_ned_mps);
+        let place_ned_m = Ned {
+            north: place.north + velocity.north * ahead_s,
+            east: place.east + velocity.east * ahead_s,
+            down: place.down + velocity.down * ahead_s,
+        };
+        Self { place_ned_m, roll_rad: ownship.roll_rad, pitch_rad: ownship.pitch_rad, yaw_rad: ownship.yaw_at(at) }
+    }
+
     /// The axes of the body.
     #[must_use]
     pub fn axes(&self) -> Axes {
@@ -72,7 +86,7 @@ impl Axes {
 #[derive(Clone, Copy, Debug, Default)]
 struct Entry {
     micros: u32,
-    pose: Pose,
+    pose: FullPose,
 }
 
 /// The last poses.
@@ -85,18 +99,6 @@ pub struct Poses {
     /// The last received position, and its time.
     heard_ned_m: Horizontal,
     heard: Instant,
-}
-
-/// The vehicle's position at an instant, extrapolated by its velocity.
-pub fn carried(ownship: &Ownship, at: Instant) -> Ned {
-    let ahead_s = at.seconds_since(ownship.position_time) - ownship.position_time.seconds_since(at);
-    let ahead_s = ahead_s.clamp(-CARRIED_S, CARRIED_S);
-    let (place, velocity) = (ownship.position_ned_m, ownship.velocity_ned_mps);
-    Ned {
-        north: place.north + velocity.north * ahead_s,
-        east: place.east + velocity.east * ahead_s,
-        down: place.down + velocity.down * ahead_s,
-    }
 }
 
 impl Poses {
@@ -117,12 +119,8 @@ impl Poses {
             self.count = 0;
         }
         if self.count == 0 || time.micros_since(self.time) >= APART_US {
-            let pose = Pose {
-                place_ned_m: carried(ownship, time),
-                roll_rad: ownship.roll_rad,
-                pitch_rad: ownship.pitch_rad,
-                yaw_rad: ownship.yaw_rad,
-            };
+            // The time is the attitude's.
+            let pose = FullPose { yaw_rad: ownship.yaw_rad, ..FullPose::carried(ownship, time) };
             self.newest = (self.newest + 1) % KEPT as u8;
             if let Some(entry) = self.entries.get_mut(usize::from(self.newest)) {
                 *entry = Entry { micros: time.0 as u32, pose };
@@ -135,12 +133,12 @@ impl Poses {
 
     /// The pose at an instant; `None` if that is too long ago, or in the future.
     #[must_use]
-    pub fn at(&self, time: Instant) -> Option<Pose> {
+    pub fn at(&self, time: Instant) -> Option<FullPose> {
         if self.count == 0 || time.micros_since(self.time) > BEYOND_US {
             return None;
         }
         let ago = self.time.micros_since(time);
-        let mut after: Option<(u64, Pose)> = None;
+        let mut after: Option<(u64, FullPose)> = None;
         for back in 0..self.count {
             let index = (usize::from(self.newest) + KEPT - usize::from(back)) % KEPT;
             let entry = self.entries.get(index)?;
@@ -157,10 +155,10 @@ impl Poses {
 }
 
 /// The pose between two, at this share from the first to the second.
-fn between(from: &Pose, to: &Pose, share: f32) -> Pose {
+fn between(from: &FullPose, to: &FullPose, share: f32) -> FullPose {
     let mix = |a: f32, b: f32| a + share * (b - a);
     let turn = |a: f32, b: f32| a + share * wrap_pi(b - a);
-    Pose {
+    FullPose {
         place_ned_m: Ned {
             north: mix(from.place_ned_m.north, to.place_ned_m.north),
             east: mix(from.place_ned_m.east, to.place_ned_m.east),
@@ -215,7 +213,7 @@ mod tests {
 
     #[test]
     fn the_axes_are_those_of_yaw_then_pitch_then_roll() {
-        let pose = Pose { roll_rad: 0.1, pitch_rad: -0.2, yaw_rad: 1.0, ..Pose::default() };
+        let pose = FullPose { roll_rad: 0.1, pitch_rad: -0.2, yaw_rad: 1.0, ..FullPose::default() };
         let ownship = Ownship { roll_rad: 0.1, pitch_rad: -0.2, yaw_rad: 1.0, ..Ownship::default() };
         let body = ownship.to_body(0.7, 0.5);
         let ned = pose.axes().to_ned(body);
