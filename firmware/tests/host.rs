@@ -76,7 +76,7 @@ impl Computing {
         let detector = begun.detector().unwrap();
         let (planning, desk) = app::planning(&PLANNER).unwrap();
         let (end, log, camera) = console::ends(detector);
-        let line = Line::new(board.receiver, board.lidar, &OUTGOING);
+        let line = Line::new(board.receiver, board.sensor, &OUTGOING);
         thread::spawn(|| app::plan::<Machine>(desk));
         let tasks: Vec<Pin<Box<dyn Future<Output = ()>>>> = vec![
             Box::pin(app::guide(board.pacer, board.watchdog, board.restart, begun, line, end, planning)),
@@ -212,7 +212,7 @@ impl Computer for Computing {
     }
 
     fn turn(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
-        WORLD.lidar.say(bytes);
+        WORLD.sensor.say(bytes);
         Ok(())
     }
 }
@@ -284,8 +284,8 @@ fn it_flies_by_the_bytes_of_a_lidar_and_tells_of_damaged_frames() {
         // A frame of which a bit is wrong.
         let mut broken = [0x54; 47];
         broken[1] = 0x2C;
-        WORLD.lidar.say(&broken);
-        WORLD.lidar.say(&[0; 47]);
+        WORLD.sensor.say(&broken);
+        WORLD.sensor.say(&[0; 47]);
         computing.steps(250);
         computing.type_line("status");
         let answers = answers(&computing.console);
