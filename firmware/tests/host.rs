@@ -297,7 +297,7 @@ fn it_flies_by_the_bytes_of_a_lidar_and_tells_of_damaged_frames() {
 #[test]
 fn it_flies_by_the_lines_of_a_radio_and_tells_of_damaged_ones() {
     passes("it_flies_by_the_lines_of_a_radio_and_tells_of_damaged_ones", || {
-        let text = include_str!("../../tests/scenarios/uudf.json");
+        let text = include_str!("../../tests/computer/uudf.json");
         let mission = Mission { scenario: Scenario::parse(text).unwrap(), ..mission() };
         let fly = |computer: &mut dyn Computer| flight::fly(&mission, computer, None, |_| ()).unwrap().report;
         let expected = fly(&mut HostComputer::new(&mission.guidance()).unwrap());

@@ -152,7 +152,7 @@ fn by_the_same_bytes_of_a_lidar_the_firmware_flies_the_same_flight() {
 
 /// The same with nothing but the lines of a radio for bearings.
 fn a_flight_by_a_radio_is_flown_again(computer: impl Fn(&Mission) -> Box<dyn Computer>) -> String {
-    let mission = mission(scenario("uudf.json"));
+    let mission = mission(scenario("../computer/uudf.json"));
     let mut computer = computer(&mission);
     computer.log_flight();
     let record = flight::fly(&mission, computer.as_mut(), None, |_| ()).unwrap();

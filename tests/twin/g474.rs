@@ -197,8 +197,8 @@ fn it_flies_to_the_beacon_with_the_hash_of_the_desktop_and_of_qemu() {
 /// It flies by a lidar, and by the `+UUDF` lines of a radio on that line, with the trace hash of the desktop at every step.
 #[test]
 fn it_flies_by_a_lidar_and_by_a_radio_on_the_sensors_line() {
-    for name in ["lidar.json", "uudf.json"] {
-        let text = std::fs::read_to_string(root().join("tests/scenarios").join(name)).unwrap();
+    for name in ["scenarios/lidar.json", "computer/uudf.json"] {
+        let text = std::fs::read_to_string(root().join("tests").join(name)).unwrap();
         let (planner, estimator) = (planner::Config::default(), Estimator::default());
         let mut mission = Mission { scenario: Scenario::parse(&text).unwrap(), seed: 3, planner, estimator };
         let config = mission.guidance();
