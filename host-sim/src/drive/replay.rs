@@ -215,7 +215,10 @@ impl Replay {
             Record::Late(late) => self.summary.late_steps = late.late,
             Record::Text(_) => {}
             Record::Step(step) => {
-                let taken = step.heard.as_ref().filter(|_| self.follows).map(|heard| heard.bearing.time);
+                // The bearings of a radio are in the bytes of its line, not in a frame.
+                let has_radio = self.flown.as_ref().is_some_and(|flown| flown.config.radio.is_some());
+                let by_frames = self.follows && !has_radio;
+                let taken = step.heard.as_ref().filter(|_| by_frames).map(|heard| heard.bearing.time);
                 let snapshot = taken.map(|time| self.offered_at(time)).transpose()?;
                 if let Some(flown) = &mut self.flown {
                     let bytes = if self.follows { flown.bytes.concat() } else { Vec::new() };
