@@ -1,8 +1,8 @@
 //! One step of the flight computer. The firmware and the simulator both use this code, so that their traces are equal
 //! bit for bit:
 //!
-//! 1. the link takes the bytes of the autopilot ([`Flight::hear`]), and the [`crate::lidar`] its own, if there is one
-//!    ([`Flight::hear_lidar`]);
+//! 1. the link takes the bytes of the autopilot ([`Flight::hear`]), and the [`crate::sensor`] its own, if there is one
+//!    ([`Flight::hear_sensor`]);
 //! 2. requests of stations about parameters and the receiver are carried out ([`Flight::serve`]);
 //! 3. guidance steps, with the link's data, the frame, and the plan that was finished in the step before; the link
 //!    publishes the outcome and does what is due ([`Flight::step`]).
@@ -31,9 +31,9 @@ use foxhound_link::params::Storage;
 
 use crate::SAMPLES_PER_CHANNEL as N;
 use crate::frozen::Watch;
-use crate::lidar::{self, Lidar};
 use crate::sampling::Timer;
 use crate::selftest::{self, Channels, Check, Refused, SelfTest, Verdict};
+use crate::sensor::{self, Sensor};
 
 /// Non-volatile storage of parameters.
 pub trait ParameterStore {
@@ -151,8 +151,8 @@ pub struct Flight<'a, S = Planner> {
     pub companion: &'a mut Companion,
     /// The receiver.
     pub receiver: &'a mut Receiver,
-    /// The lidar on a serial line of our own, if obstacles come from it.
-    pub lidar: &'a mut Option<Lidar>,
+    /// The sensor on a serial line of our own, if there is one.
+    pub sensor: &'a mut Option<Sensor>,
 }
 
 // The stack holds only one of the large parts at a time, while it is built: hence a function for each.
@@ -193,7 +193,7 @@ impl<S: Systems> Flight<'_, S> {
 
     #[inline(never)]
     fn look_anew(&mut self) -> Result<(), ConfigError> {
-        *self.lidar = lidar::build(self.config)?;
+        *self.sensor = sensor::build(self.config)?;
         Ok(())
     }
 
@@ -220,10 +220,10 @@ impl<S: Systems> Flight<'_, S> {
         self.companion.receive(now, bytes);
     }
 
-    /// Takes bytes of the lidar's line; false if there is no lidar.
-    pub fn hear_lidar(&mut self, now: Instant, bytes: &[u8]) -> bool {
-        let Some(lidar) = self.lidar else { return false };
-        lidar.push(now, bytes);
+    /// Takes bytes of the sensor's line; false if there is no sensor.
+    pub fn hear_sensor(&mut self, now: Instant, bytes: &[u8]) -> bool {
+        let Some(sensor) = self.sensor else { return false };
+        sensor.push(now, bytes);
         true
     }
 
@@ -355,7 +355,11 @@ impl<S: Systems> Flight<'_, S> {
     /// Guidance steps; the link publishes the outcome, and does what is due. `ticks` is read before and after
     /// guidance.
     pub fn step(&mut self, step: &Step<'_>, mut ticks: impl FnMut() -> u32) -> Stepped {
-        let front_end = self.admit(step.front_end);
+        // With a radio the converters have no antennas.
+        let radio = self.sensor.as_ref().and_then(Sensor::radio);
+        let of_radio = radio.map(|radio| radio.bearing().map_or(FrontEnd::Nothing, FrontEnd::Bearing));
+        let front_end = self.admit(of_radio.unwrap_or(step.front_end));
+        let is_lidar = self.sensor.as_ref().is_some_and(|sensor| sensor.lidar().is_some());
         let begin = ticks();
         let heard = self
             .guidance
@@ -364,11 +368,11 @@ impl<S: Systems> Flight<'_, S> {
             now: step.now,
             front_end: heard.as_ref().map_or(FrontEnd::Nothing, FrontEnd::Measured),
             ownship: self.companion.ownship(),
-            scan: match &*self.lidar {
-                Some(lidar) => lidar.scan(),
-                None => self.companion.scan(),
+            scan: match &*self.sensor {
+                Some(Sensor::Lidar(lidar)) => lidar.scan(),
+                _ => self.companion.scan(),
             },
-            points: self.companion.points().filter(|_| self.lidar.is_none()),
+            points: self.companion.points().filter(|_| !is_lidar),
             circles: step.circles,
             look: step.look,
             height_m: self.companion.height_m(step.now),
@@ -379,8 +383,8 @@ impl<S: Systems> Flight<'_, S> {
         let output = self.guidance.step(self.state, &input);
         let taken = ticks().wrapping_sub(begin);
         self.companion.drop_obstacles();
-        if let Some(lidar) = self.lidar {
-            lidar.take();
+        if let Some(sensor) = self.sensor {
+            sensor.take();
         }
         self.companion.publish(step.now, &output);
         if self.companion.wants_surroundings(step.now) {

@@ -15,6 +15,8 @@
 //! | [`frozen`] | detects converters that have stopped |
 //! | [`sampling`] | sample rates that a timer can have |
 //! | [`lidar`] | a lidar on a line of its own: its frames to scans |
+//! | [`radio`] | a radio on the same line: its angles to bearings |
+//! | [`sensor`] | which of the two there is |
 //! | [`selftest`] | the receiver tested and calibrated on board |
 //! | [`timing`] | how long the tasks take |
 //! | [`tone`] | the test tone of a board that can make one |
@@ -36,9 +38,11 @@ pub mod lidar;
 pub mod log;
 pub mod part;
 pub mod port;
+pub mod radio;
 pub mod restart;
 pub mod sampling;
 pub mod selftest;
+pub mod sensor;
 pub mod store;
 pub mod timing;
 pub mod tone;

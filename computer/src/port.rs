@@ -22,10 +22,11 @@ use foxhound_link::companion;
 use heapless::{String, Vec};
 
 use crate::deadline::Counts;
-use crate::lidar;
 use crate::restart::Restart;
 use crate::selftest::{self, Report};
+use crate::sensor::Sensor;
 use crate::timing::{self, BINS, Feeds, Task};
+use crate::{lidar, radio};
 
 /// Longest line.
 pub const LINE_MAX: usize = 40;
@@ -262,8 +263,8 @@ pub struct Status<'a> {
     pub received: Waiting,
     /// Bytes to the autopilot that waited to be sent.
     pub sent: Waiting,
-    /// The lidar, if obstacles come from it.
-    pub lidar: Option<LidarStatus>,
+    /// The sensor on a line of its own, if there is one.
+    pub sensor: Option<SensorStatus>,
     /// Bytes of the log that waited to be sent; frames that were dropped.
     pub log: Waiting,
     /// Number of starts, 0 if it cannot be read from the flash.
@@ -274,15 +275,35 @@ pub struct Status<'a> {
     pub watchdog_us: u32,
 }
 
-/// State of a lidar.
+/// State of a lidar or a radio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LidarStatus {
-    /// Its frames.
-    pub counters: lidar::Counters,
+pub struct SensorStatus {
+    /// Its frames or lines.
+    pub counters: SensorCounters,
     /// Bytes that waited to be read.
     pub received: Waiting,
     /// Damaged bytes: noise, framing errors, overruns.
     pub line_errors: u32,
+}
+
+/// Counts of a sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SensorCounters {
+    /// Of a lidar.
+    Lidar(lidar::Counters),
+    /// Of a radio.
+    Radio(radio::Counters),
+}
+
+impl SensorCounters {
+    /// Those of a sensor.
+    #[must_use]
+    pub const fn of(sensor: &Sensor) -> Self {
+        match sensor {
+            Sensor::Lidar(lidar) => Self::Lidar(lidar.counters()),
+            Sensor::Radio(radio) => Self::Radio(radio.counters()),
+        }
+    }
 }
 
 /// Bytes that wait in a buffer.
@@ -344,16 +365,21 @@ impl Status<'_> {
                 words.text(", lost ").number(self.received.lost).text(", damaged ").number(self.line_errors)
             }
             7 => words.waiting("sent: ", self.sent),
-            8 => match &self.lidar {
-                Some(LidarStatus { counters: lidar::Counters { frames, bad, turns }, .. }) => {
-                    words.text("lidar: turns ").number(*turns).text(", frames ").number(*frames);
-                    words.text(", damaged ").number(*bad)
+            8 => match self.sensor.map(|sensor| sensor.counters) {
+                Some(SensorCounters::Lidar(lidar::Counters { frames, bad, turns })) => {
+                    words.text("lidar: turns ").number(turns).text(", frames ").number(frames);
+                    words.text(", damaged ").number(bad)
+                }
+                Some(SensorCounters::Radio(radio::Counters { angles, others, refused })) => {
+                    words.text("radio: angles ").number(angles).text(", of other tags ").number(others);
+                    words.text(", refused ").number(refused)
                 }
                 None => words,
             },
-            9 => match &self.lidar {
-                Some(LidarStatus { received, line_errors, .. }) => {
-                    let words = words.waiting("lidar: ", *received);
+            9 => match &self.sensor {
+                Some(SensorStatus { counters, received, line_errors }) => {
+                    let is_lidar = matches!(counters, SensorCounters::Lidar(_));
+                    let words = words.waiting(if is_lidar { "lidar: " } else { "radio: " }, *received);
                     words.text(", lost ").number(received.lost).text(", damaged ").number(*line_errors)
                 }
                 None => words,

@@ -34,8 +34,8 @@ pub trait Board: Sized + 'static {
     type Receiver: Receiver;
     /// To the autopilot.
     type Transmitter: Write;
-    /// From a lidar; [`NoLine`] where there is no line for one.
-    type LidarReceiver: Receiver;
+    /// From a lidar or a radio; [`NoLine`] where there is no line for one.
+    type SensorReceiver: Receiver;
     /// From the maintenance port.
     type ConsoleReceiver: Read;
     /// To the maintenance port.
@@ -75,8 +75,8 @@ pub struct Parts<B: Board> {
     pub receiver: B::Receiver,
     /// To the autopilot.
     pub transmitter: B::Transmitter,
-    /// From a lidar.
-    pub lidar: B::LidarReceiver,
+    /// From a lidar or a radio.
+    pub sensor: B::SensorReceiver,
     /// From the maintenance port.
     pub console_receiver: B::ConsoleReceiver,
     /// To the maintenance port.
@@ -103,7 +103,7 @@ pub trait Write {
     fn write(&mut self, bytes: &[u8]) -> impl Future<Output = ()>;
 }
 
-/// The bytes of the autopilot, or of a lidar. Its buffer holds those of a step at the line's full rate.
+/// The bytes of the autopilot, or of a sensor. Its buffer holds those of a step at the line's full rate.
 pub trait Receiver: Read {
     /// Takes the bytes that are available.
     fn try_read(&mut self, bytes: &mut [u8]) -> usize;
@@ -164,7 +164,8 @@ pub trait Pacer {
         let _ = (result, tx_total);
         core::future::ready(())
     }
-    /// Uses the sample rate of this configuration from now on, which was adapted to [`Board::SAMPLE_TIMER`].
+    /// Uses the sample rate of this configuration from now on, which was adapted to [`Board::SAMPLE_TIMER`], and the bit
+    /// rate of its sensor.
     fn follow(&mut self, config: &guidance::Config) {
         let _ = config;
     }
@@ -210,8 +211,8 @@ pub struct Step<'a> {
 pub struct LockStep {
     /// The number of bytes of the autopilot, counted from the start, that come before it.
     pub rx_expected: u32,
-    /// The number of bytes of the lidar that come before it.
-    pub lidar_expected: u32,
+    /// The number of bytes of the sensor that come before it.
+    pub sensor_expected: u32,
     /// The number of bytes of camera frames that are processed before it.
     pub camera_expected: u32,
     /// The planner gets no time: its result waits for a later step.

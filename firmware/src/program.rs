@@ -39,7 +39,7 @@ fn start_with(state: &'static mut State) -> Desk<Kept<Chosen>> {
     let (console, log, camera) = console::ends(detector);
     board.link.spawn(task(listen(board.console_receiver, camera)));
     board.link.spawn(task(speak(board.console_transmitter, log)));
-    let line = Line::new(board.receiver, board.lidar, &OUTGOING);
+    let line = Line::new(board.receiver, board.sensor, &OUTGOING);
     board.guidance.spawn(task(guide(board.pacer, board.watchdog, board.restart, begun, line, console, planning)));
     desk
 }

@@ -76,7 +76,7 @@ impl Computing {
         let detector = begun.detector().unwrap();
         let (planning, desk) = app::planning(&PLANNER).unwrap();
         let (end, log, camera) = console::ends(detector);
-        let line = Line::new(board.receiver, board.lidar, &OUTGOING);
+        let line = Line::new(board.receiver, board.sensor, &OUTGOING);
         thread::spawn(|| app::plan::<Machine>(desk));
         let tasks: Vec<Pin<Box<dyn Future<Output = ()>>>> = vec![
             Box::pin(app::guide(board.pacer, board.watchdog, board.restart, begun, line, end, planning)),
@@ -212,7 +212,7 @@ impl Computer for Computing {
     }
 
     fn turn(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
-        WORLD.lidar.say(bytes);
+        WORLD.sensor.say(bytes);
         Ok(())
     }
 }
@@ -284,13 +284,48 @@ fn it_flies_by_the_bytes_of_a_lidar_and_tells_of_damaged_frames() {
         // A frame of which a bit is wrong.
         let mut broken = [0x54; 47];
         broken[1] = 0x2C;
-        WORLD.lidar.say(&broken);
-        WORLD.lidar.say(&[0; 47]);
+        WORLD.sensor.say(&broken);
+        WORLD.sensor.say(&[0; 47]);
         computing.steps(250);
         computing.type_line("status");
         let answers = answers(&computing.console);
         let line = answers.lines().find(|line| line.starts_with("lidar: turns ")).unwrap();
         assert!(line.ends_with(", damaged 1") && !line.contains("turns 0"), "{line}");
+    });
+}
+
+#[test]
+fn it_flies_by_the_lines_of_a_radio_and_tells_of_damaged_ones() {
+    passes("it_flies_by_the_lines_of_a_radio_and_tells_of_damaged_ones", || {
+        let text = include_str!("../../tests/computer/uudf.json");
+        let mission = Mission { scenario: Scenario::parse(text).unwrap(), ..mission() };
+        let fly = |computer: &mut dyn Computer| flight::fly(&mission, computer, None, |_| ()).unwrap().report;
+        let expected = fly(&mut HostComputer::new(&mission.guidance()).unwrap());
+        let mut computing = Computing::start();
+        computing.set_up(&mission.guidance());
+        let report = fly(&mut computing);
+        assert_eq!((report.result, report.collisions), (Ending::Reached, Some(0)));
+        assert_eq!(report, expected);
+        let again = replay(&computing.console).unwrap();
+        assert!(again.is_identical() && again.trace_hash == report.trace_hash, "{again:?}");
+
+        // An azimuth out of range, and a good line.
+        let say = |azimuth_deg: i32| {
+            let line = format!("+UUDF:6C1DEBA41845,-56,{azimuth_deg},0,0,37,\"6C1DEBA79D14\",\"\",1\r\n");
+            WORLD.sensor.say(line.as_bytes());
+        };
+        say(181);
+        let output = computing.steps(1);
+        assert_eq!(output.bearing, None);
+        say(30);
+        let bearing = computing.steps(1).bearing.unwrap();
+        assert!((bearing.azimuth_rad.to_degrees() - 30.0).abs() < 1e-4 && bearing.time == computing.now, "{bearing:?}");
+        assert!((bearing.sigma_rad.to_degrees() - 8.0).abs() < 1e-4, "{bearing:?}");
+        computing.steps(250);
+        computing.type_line("status");
+        let answers = answers(&computing.console);
+        let line = answers.lines().find(|line| line.starts_with("radio: angles ")).unwrap();
+        assert!(line.ends_with(", of other tags 0, refused 1") && !line.contains("angles 0"), "{line}");
     });
 }
 

@@ -1,5 +1,8 @@
 //! Readers of what direction finders send over a serial line.
 
+use foxhound_computer::radio::Radio;
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::radio::Mount;
 use foxhound_link::radio::{hci, uudf};
 
 use super::{Draw, Reached};
@@ -10,6 +13,8 @@ pub fn radio(case: &[u8]) -> Reached {
     let mut reached = Reached { configured: true, ..Reached::default() };
     let (mut reports, mut lines) = (hci::Reader::new(), uudf::Reader::default());
     let mut is_clean = true;
+    let tag = if draw.flag() { 0 } else { draw.word() as u32 & 0xFF_FFFF };
+    let mut radio = Radio::new(Mount { yaw_rad: draw.field(0.0, -3.1, 3.1), tag, ..Mount::default() });
     while !draw.rest.is_empty() {
         let count = match draw.below(8) {
             0 => draw.byte(),
@@ -66,6 +71,8 @@ pub fn radio(case: &[u8]) -> Reached {
             let at = usize::from(draw.byte()) % text.len();
             text[at] = draw.byte();
         }
+        radio.push(Instant(1), &text);
+        let before = reached.settled;
         for byte in text {
             if let Some(Ok(angle)) = lines.push(byte) {
                 reached.settled += 1;
@@ -75,6 +82,13 @@ pub fn radio(case: &[u8]) -> Reached {
                 );
             }
         }
+        if let Some(bearing) = radio.bearing() {
+            assert!(reached.settled > before, "a bearing without an angle");
+            assert!(bearing.azimuth_rad.abs() <= 3.1416 && bearing.time == Instant(1), "{bearing:?}");
+            radio.take();
+        }
     }
+    let counters = radio.counters();
+    assert_eq!(counters.angles + counters.others, reached.settled, "{counters:?}");
     reached
 }

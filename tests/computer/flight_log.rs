@@ -18,7 +18,7 @@ use foxhound_link::CharArray;
 use foxhound_link::dialect::PARAM_SET_DATA;
 use foxhound_link::framer::{FRAME_MAX, Header, encode_data};
 use foxhound_sim::drive::computer::{BLOCK, Computer, ComputerError, HostComputer, StepReport};
-use foxhound_sim::drive::flight::{self, Mission};
+use foxhound_sim::drive::flight::{self, Ending, Mission};
 use foxhound_sim::drive::qemu::QemuComputer;
 use foxhound_sim::drive::replay::{Summary, replay};
 use foxhound_sim::scenario::Scenario;
@@ -147,6 +147,35 @@ fn a_flight_by_a_lidar_in_process_is_flown_again_to_the_last_bit() {
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn by_the_same_bytes_of_a_lidar_the_firmware_flies_the_same_flight() {
     let [here, there] = [host, twin].map(|computer| a_flight_by_a_lidar_is_flown_again(computer));
+    assert_eq!(here, there);
+}
+
+/// The same with nothing but the lines of a radio for bearings.
+fn a_flight_by_a_radio_is_flown_again(computer: impl Fn(&Mission) -> Box<dyn Computer>) -> String {
+    let mission = mission(scenario("../computer/uudf.json"));
+    let mut computer = computer(&mission);
+    computer.log_flight();
+    let record = flight::fly(&mission, computer.as_mut(), None, |_| ()).unwrap();
+    assert_eq!((record.report.result, record.report.collisions), (Ending::Reached, Some(0)), "{:?}", record.report);
+    let summary = replay(&computer.take_flight_log()).unwrap();
+    assert!(summary.is_identical(), "{summary:?}");
+    assert_eq!(summary.trace_hash, record.report.trace_hash);
+    summary.trace_hash
+}
+
+/// A flight whose bearings come only from the `+UUDF` lines of a radio reaches the beacon, and is replayed from its log with
+/// identical bits.
+#[test]
+fn a_flight_by_a_radio_in_process_is_flown_again_to_the_last_bit() {
+    a_flight_by_a_radio_is_flown_again(host);
+}
+
+/// With the same `+UUDF` lines of a radio the firmware in QEMU flies the desktop's flight to the beacon, and its log is replayed with
+/// identical bits.
+#[test]
+#[ignore = "needs QEMU and the image: cargo xtask test"]
+fn by_the_same_lines_of_a_radio_the_firmware_flies_the_same_flight() {
+    let [here, there] = [host, twin].map(|computer| a_flight_by_a_radio_is_flown_again(computer));
     assert_eq!(here, there);
 }
 

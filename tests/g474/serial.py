@@ -6,7 +6,8 @@ from blocks import Block
 from core import UNITS_PER_S
 from rules import require
 
-LINE_BAUD = {"USART1": 921_600, "LPUART1": 921_600, "USART3": 230_400}
+# Of a lidar, and of a radio, at USART3.
+LINE_BAUD = {"USART1": (921_600,), "LPUART1": (921_600,), "USART3": (230_400, 115_200)}
 BITS = 10
 HSI_HZ = 16_000_000
 PE, FE, NE, ORE, IDLE, RXNE, TC, TXE = (1 << bit for bit in range(8))
@@ -24,7 +25,7 @@ class Uart(Block):
     def __init__(self, machine, name):
         super().__init__(machine, name)
         self.rx_request, self.tx_request = self.RX[name], self.TX[name]
-        self.byte = UNITS_PER_S * BITS // LINE_BAUD[name]
+        self.byte = UNITS_PER_S * BITS // LINE_BAUD[name][0]
         # What comes in: runs of bytes without a pause, each with the time of its first bit.
         self.runs = deque()
         self.rx_free = 0
@@ -79,7 +80,9 @@ class Uart(Block):
             baud = 2 * kernel_hz / max(brr & 0xFFF0 | (brr & 7) << 1, 1)
         else:
             baud = kernel_hz / max(brr, 1)
-        require(abs(baud / LINE_BAUD[self.name] - 1) < 0.02, "uart-baud", f"{self.name}: {baud:.0f} baud")
+        fits = [line for line in LINE_BAUD[self.name] if abs(baud / line - 1) < 0.02]
+        require(fits, "uart-baud", f"{self.name}: {baud:.0f} baud")
+        self.byte = UNITS_PER_S * BITS // fits[0]
         letter, pins, function = PINS[self.name]
         port = self.machine.blocks[f"GPIO{letter}"]
         for pin in pins:
@@ -140,6 +143,7 @@ class Uart(Block):
     def write_BRR(self, value, old):
         require(value == old or not self.value["CR1"] & 1, "uart-locked", f"{self.name}.BRR, {self.core.where()}")
         self.value["BRR"] = value
+        self.checked = False
         self.checked = False
 
     def write_CR3(self, value, old):

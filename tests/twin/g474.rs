@@ -194,21 +194,23 @@ fn it_flies_to_the_beacon_with_the_hash_of_the_desktop_and_of_qemu() {
     assert!(most("guidance") < 20.0, "the longest step takes {} ms", most("guidance"));
 }
 
-/// It flies by a lidar on its own line, at the line's rate, with the trace hash of the desktop at every step.
+/// It flies by a lidar, and by the `+UUDF` lines of a radio on that line, with the trace hash of the desktop at every step.
 #[test]
-fn it_flies_by_a_lidar_on_its_own_line() {
-    let text = std::fs::read_to_string(root().join("tests/scenarios/lidar.json")).unwrap();
-    let (planner, estimator) = (planner::Config::default(), Estimator::default());
-    let mut mission = Mission { scenario: Scenario::parse(&text).unwrap(), seed: 3, planner, estimator };
-    let config = mission.guidance();
-    let needs = Needs::of(&mut mission, &config).unwrap();
-    let mut computer = G474Computer::start(Path::new(&g474_image()), Options::default(), &needs).unwrap();
-    let report = flight::fly(&mission, &mut computer, None, |_| ()).unwrap().report;
-    assert_eq!((report.result, report.collisions), (Ending::Reached, Some(0)), "{report:?}");
-    assert_eq!(computer.config().map(|config| config.lidar), Some(None), "as it was built");
-    let replayed = replay(&computer.take_flight_log()).unwrap();
-    assert!(replayed.is_identical() && replayed.late_steps == 0, "{replayed:?}");
-    assert_eq!(replayed.trace_hash, report.trace_hash);
+fn it_flies_by_a_lidar_and_by_a_radio_on_the_sensors_line() {
+    for name in ["scenarios/lidar.json", "computer/uudf.json"] {
+        let text = std::fs::read_to_string(root().join("tests").join(name)).unwrap();
+        let (planner, estimator) = (planner::Config::default(), Estimator::default());
+        let mut mission = Mission { scenario: Scenario::parse(&text).unwrap(), seed: 3, planner, estimator };
+        let config = mission.guidance();
+        let needs = Needs::of(&mut mission, &config).unwrap();
+        let mut computer = G474Computer::start(Path::new(&g474_image()), Options::default(), &needs).unwrap();
+        let report = flight::fly(&mission, &mut computer, None, |_| ()).unwrap().report;
+        assert_eq!((report.result, report.collisions), (Ending::Reached, Some(0)), "{report:?}");
+        assert_eq!(computer.config().map(|config| (config.lidar, config.radio)), Some((None, None)), "as it was built");
+        let replayed = replay(&computer.take_flight_log()).unwrap();
+        assert!(replayed.is_identical() && replayed.late_steps == 0, "{replayed:?}");
+        assert_eq!(replayed.trace_hash, report.trace_hash);
+    }
 }
 
 /// The image flies, its line full of telemetry, noise and breaks; what flies beside it only says what guidance would have said.

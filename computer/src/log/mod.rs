@@ -12,7 +12,7 @@
 //! | 8 | [`Late`]: steps that missed their deadline | when there is a new one |
 //! | 9 | text for people | when requested on the maintenance port |
 //! | 10 | an observation of the camera | before the step, when a frame has ended |
-//! | 11 | bytes of the lidar on a line of its own | before the step that they belong to |
+//! | 11 | bytes of the lidar, or the radio, on a line of its own | before the step that they belong to |
 //!
 //! The samples of all frames are more than the line can carry: 4 x 256 x 12 bit, 50 times a second, are 77 KB/s of
 //! its 92. So a step holds what guidance needs from a frame ([`Measurement`]): the bearing, and the phasors if the
@@ -47,7 +47,7 @@ use ring::{Full, Producer};
 use secret::Mask;
 
 /// Version of the records.
-pub const LAYOUT: u8 = 7;
+pub const LAYOUT: u8 = 8;
 /// Frames from one with samples to the next.
 const CODES_EVERY: u8 = 50;
 /// Bytes of the samples of one frame: 12 bits each.
@@ -71,7 +71,7 @@ enum Kind {
     Late = 8,
     Text = 9,
     Look = 10,
-    Lidar = 11,
+    Sensor = 11,
 }
 
 /// The begin of a flight.
@@ -190,8 +190,8 @@ pub enum Record<'a> {
     Text(&'a str),
     /// An observation of the camera.
     Look(PadObservation),
-    /// Bytes of the lidar.
-    Lidar(&'a [u8]),
+    /// Bytes of the sensor.
+    Sensor(&'a [u8]),
 }
 
 impl<'a> Record<'a> {
@@ -212,7 +212,7 @@ impl<'a> Record<'a> {
             Kind::Late,
             Kind::Text,
             Kind::Look,
-            Kind::Lidar,
+            Kind::Sensor,
         ];
         let kind = KINDS.into_iter().find(|kind| *kind as u8 == frame.kind)?;
         Some(match kind {
@@ -226,7 +226,7 @@ impl<'a> Record<'a> {
             Kind::Late => Self::Late(read(frame.record)?),
             Kind::Text => Self::Text(read(frame.record)?),
             Kind::Look => Self::Look(read(frame.record)?),
-            Kind::Lidar => Self::Lidar(frame.record),
+            Kind::Sensor => Self::Sensor(frame.record),
         })
     }
 }
@@ -298,10 +298,10 @@ impl<'a> Log<'a> {
         }
     }
 
-    /// Bytes of the lidar, likewise.
+    /// Bytes of the lidar or the radio, likewise.
     #[inline(never)]
-    pub fn hear_lidar(&mut self, bytes: &[u8]) {
-        bytes.iter().for_each(|byte| self.note(Kind::Lidar, *byte));
+    pub fn hear_sensor(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|byte| self.note(Kind::Sensor, *byte));
     }
 
     /// A received byte, appended to those before it of the same line.

@@ -2,8 +2,8 @@ use super::frame::LogDeframer;
 use super::ring::Ring;
 use super::*;
 use crate::flight::{self, Receiver};
-use crate::lidar::Lidar;
 use crate::selftest;
+use crate::sensor::Sensor;
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::planning::planner::Planner;
@@ -21,7 +21,7 @@ struct Parts {
     systems: Planner,
     companion: Companion,
     receiver: Receiver,
-    lidar: Option<Lidar>,
+    sensor: Option<Sensor>,
 }
 
 impl Parts {
@@ -35,13 +35,13 @@ impl Parts {
             systems: config.build_planner().unwrap(),
             companion: companion::Config::default().build_with(Values::of(&config)).unwrap(),
             receiver: Receiver::new(None, &selftest::Config::default()).unwrap(),
-            lidar: None,
+            sensor: None,
         })
     }
 
     fn flight(&mut self) -> Flight<'_> {
-        let Self { config, guidance, state, systems, companion, receiver, lidar } = self;
-        Flight { config, guidance, state, systems, companion, receiver, lidar }
+        let Self { config, guidance, state, systems, companion, receiver, sensor } = self;
+        Flight { config, guidance, state, systems, companion, receiver, sensor }
     }
 }
 
@@ -112,7 +112,7 @@ fn a_flight_is_read_as_it_was_written_and_its_beginning_fits_a_small_ring() {
     let mut log = Log::resume(ring.ends().0, state);
     let said: List<u8> = (0..300).map(|_| random.next_u32() as u8 | 1).collect();
     log.hear(&said);
-    log.hear_lidar(&said[..100]);
+    log.hear_sensor(&said[..100]);
     let circles: List<Circle> = (0..64).map(circle).collect();
     let now = Instant(123_456_789_012);
     let step =
@@ -131,7 +131,7 @@ fn a_flight_is_read_as_it_was_written_and_its_beginning_fits_a_small_ring() {
         kinds += 1;
         match record {
             Record::Bytes(piece) => bytes.extend_from_slice(piece),
-            Record::Lidar(piece) => lidar.extend_from_slice(piece),
+            Record::Sensor(piece) => lidar.extend_from_slice(piece),
             Record::Circles(read) => assert_eq!(read[..], circles[..]),
             Record::Codes(codes) => assert_eq!(codes.snapshot().unwrap(), snapshot),
             Record::Late(late) => assert_eq!(late, Late { late: 2, longest_us: 20_000 }),

@@ -86,8 +86,8 @@ fn the_status_says_all_of_it_and_the_longest_numbers_fit() {
         link,
         line_errors: most,
         received: Waiting { most, room: most, lost: most },
-        lidar: Some(LidarStatus {
-            counters: lidar::Counters { frames: most, bad: most, turns: 12 },
+        sensor: Some(SensorStatus {
+            counters: SensorCounters::Lidar(lidar::Counters { frames: most, bad: most, turns: 12 }),
             received: Waiting { most: 353, room: 1024, lost: 0 },
             line_errors: 3,
         }),
@@ -128,7 +128,7 @@ fn the_status_says_all_of_it_and_the_longest_numbers_fit() {
     let twin = Status { clock: Clock::Simulated, ..status };
     twin.tell(HEAD_LINES - 1, &times, |line| assert!(line.contains("1.5 an instruction assumed"), "{line}"));
     let mut told = List::new();
-    let without = Status { lidar: None, ..twin };
+    let without = Status { sensor: None, ..twin };
     (0..HEAD_LINES).for_each(|part| without.tell(part, &times, |line| told.push(line.to_string())));
     assert!(told.len() == HEAD_LINES - 2 && told.iter().all(|line| !line.contains("lidar")));
     assert!(HELP.iter().all(|line| line.len() <= ANSWER_MAX));

@@ -10,7 +10,7 @@
 //! | step | `0x1000` | 4096 | simulator | head, `StepHead`; circles from byte 512, samples from byte 2048 (`i16`, channel by channel) |
 //! | report | `0x2000` | 4096 | twin | head, then [`Ready`], [`Report`] or the text of a refusal |
 //! | line | `0x3000` | 4, then 16 384 from `0x4000` | simulator | bytes of the autopilot that bypass the serial line: their number since the setup of a new start (`u32`), and a ring of them |
-//! | lidar | `0x3008` | 4, then 4096 from `0x8000` | simulator | bytes of the lidar: the same |
+//! | sensor | `0x3008` | 4, then 4096 from `0x8000` | simulator | bytes of the lidar or the radio: the same |
 //! | port | `0x3004` | 4, then 262 144 from `0x4_0000` | simulator | bytes for the maintenance port that bypass the serial line: the same |
 //! | store | `0x10_0000` | 16 384 | twin | its non-volatile storage, every bit inverted: a new file is a blank flash |
 //!
@@ -28,8 +28,8 @@
 //!
 //! The two serial lines and the memory are not ordered with respect to each other. So a step gives the number of
 //! bytes of UART0 that the twin must have received before it ([`Step::rx_expected`]), by UART0 or by the ring, of the
-//! camera's bytes ([`Step::camera_expected`]), by UART2 or by its ring, and of the lidar's
-//! ([`Step::lidar_expected`]), which have no serial line; and a report gives the number sent ([`Report::tx_total`]).
+//! camera's bytes ([`Step::camera_expected`]), by UART2 or by its ring, and of the sensor's
+//! ([`Step::sensor_expected`]), which have no serial line; and a report gives the number sent ([`Report::tx_total`]).
 //! That makes every step, and with it the whole flight, repeatable.
 
 use foxhound_core::base::adc::{AdcFrame, CHANNELS};
@@ -63,12 +63,12 @@ pub const LINE_AT: usize = 4 * BLOCK_BYTES;
 /// Bytes of the ring.
 pub const LINE_BYTES: usize = 16 << 10;
 
-/// Position of the count of bytes in the lidar's ring.
-pub const LIDAR_TOTAL_AT: usize = LINE_TOTAL_AT + 8;
-/// Position of the lidar's ring.
-pub const LIDAR_AT: usize = 8 * BLOCK_BYTES;
-/// Bytes of the lidar's ring.
-pub const LIDAR_BYTES: usize = 4 << 10;
+/// Position of the count of bytes in the sensor's ring.
+pub const SENSOR_TOTAL_AT: usize = LINE_TOTAL_AT + 8;
+/// Position of the sensor's ring.
+pub const SENSOR_AT: usize = 8 * BLOCK_BYTES;
+/// Bytes of the sensor's ring.
+pub const SENSOR_BYTES: usize = 4 << 10;
 
 /// Position of the count of bytes in the port's ring.
 pub const PORT_TOTAL_AT: usize = LINE_TOTAL_AT + 4;
@@ -141,8 +141,8 @@ pub struct Step<'a, const N: usize> {
     pub rx_expected: u32,
     /// Bytes of camera frames since the twin's start that it must have processed before this step.
     pub camera_expected: u32,
-    /// Bytes of the lidar since the twin's start that it must have received before this step.
-    pub lidar_expected: u32,
+    /// Bytes of the sensor since the twin's start that it must have received before this step.
+    pub sensor_expected: u32,
     /// The measurement of the antennas.
     pub front_end: FrontEnd<'a, N>,
     /// Obstacles from a sensor that reports circles.
@@ -172,7 +172,7 @@ impl<const N: usize> Arrivals<N> {
             now: Instant(0),
             rx_expected: 0,
             camera_expected: 0,
-            lidar_expected: 0,
+            sensor_expected: 0,
             front_end: FrontEndKind::Nothing,
             circles: None,
             fault: None,
@@ -211,7 +211,7 @@ impl<const N: usize> Arrivals<N> {
             now: head.now,
             rx_expected: head.rx_expected,
             camera_expected: head.camera_expected,
-            lidar_expected: head.lidar_expected,
+            sensor_expected: head.sensor_expected,
             front_end: match head.front_end {
                 FrontEndKind::AdcFrame { .. } => FrontEnd::Frame(&self.snapshot),
                 FrontEndKind::Bearing(bearing) => FrontEnd::Bearing(bearing),
@@ -378,7 +378,7 @@ struct StepHead {
     now: Instant,
     rx_expected: u32,
     camera_expected: u32,
-    lidar_expected: u32,
+    sensor_expected: u32,
     front_end: FrontEndKind,
     circles: Option<u8>,
     fault: Option<Fault>,
@@ -416,7 +416,7 @@ impl<const N: usize> Step<'_, N> {
             now: self.now,
             rx_expected: self.rx_expected,
             camera_expected: self.camera_expected,
-            lidar_expected: self.lidar_expected,
+            sensor_expected: self.sensor_expected,
             front_end,
             circles,
             fault: self.fault,

@@ -18,7 +18,7 @@ fn step<'a>(front_end: FrontEnd<'a, N>, circles: Option<&'a [Circle]>) -> Step<'
         now: Instant(u64::MAX - 3),
         rx_expected: 90_000,
         camera_expected: 38_400,
-        lidar_expected: 17_625,
+        sensor_expected: 17_625,
         front_end,
         circles,
         fault: Some(Fault::PowerCut { after_us: 123_456 }),
@@ -41,7 +41,7 @@ fn a_full_step_comes_back_with_every_bit() {
     arrivals.decode(&block).unwrap();
     let got = arrivals.step();
     assert_eq!((got.sequence, got.now), (sent.sequence, sent.now));
-    let expected = |step: &Step<'_, N>| (step.rx_expected, step.camera_expected, step.lidar_expected);
+    let expected = |step: &Step<'_, N>| (step.rx_expected, step.camera_expected, step.sensor_expected);
     assert_eq!(expected(&got), expected(&sent));
     let FrontEnd::Frame(came) = got.front_end else { panic!("no snapshot") };
     assert_eq!(came, &snapshot);

@@ -2,8 +2,8 @@
 
 use foxhound_computer::SAMPLES_PER_CHANNEL as N;
 use foxhound_computer::flight::{Flight, ParameterStore as _, Receiver, Step};
-use foxhound_computer::lidar::Lidar;
 use foxhound_computer::selftest;
+use foxhound_computer::sensor::Sensor;
 use foxhound_computer::store::{Kept, Store};
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::mission::Control;
@@ -36,7 +36,7 @@ struct Computer<'a> {
     systems: Planner,
     companion: Companion,
     receiver: Receiver,
-    lidar: Option<Lidar>,
+    sensor: Option<Sensor>,
     now: Instant,
     framer: Framer,
     words: Vec<String>,
@@ -64,7 +64,7 @@ impl<'a> Computer<'a> {
             systems: config.build_planner().unwrap(),
             companion: link.build_with(Values::of(&config)).unwrap(),
             receiver: Receiver::new(None, &selftest::Config::default()).unwrap(),
-            lidar: None,
+            sensor: None,
             store,
             now: Instant(1_000_000),
             framer: Framer::new(),
@@ -80,8 +80,8 @@ impl<'a> Computer<'a> {
     }
 
     fn parts(&mut self) -> (Flight<'_>, &mut Store<&'a mut Flash>) {
-        let Self { config, guidance, state, systems, companion, receiver, lidar, store, .. } = self;
-        (Flight { config, guidance, state, systems, companion, receiver, lidar }, store)
+        let Self { config, guidance, state, systems, companion, receiver, sensor, store, .. } = self;
+        (Flight { config, guidance, state, systems, companion, receiver, sensor }, store)
     }
 
     /// A step of the firmware.

@@ -5,5 +5,6 @@ pub mod array;
 pub mod beam;
 pub mod bearing;
 pub mod calibration;
+pub mod radio;
 pub mod rotating;
 pub mod switched;

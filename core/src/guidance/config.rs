@@ -2,9 +2,9 @@
 
 use super::{Guidance, mission, turning};
 use crate::base::config::{RangeSensor, Vehicle};
-use crate::base::error::{ConfigError, check};
+use crate::base::error::{ConfigError, Why, check};
 use crate::control::{evade, guard, track, vehicle_model, wind};
-use crate::doa::{array, bearing};
+use crate::doa::{array, bearing, radio};
 use crate::landing;
 use crate::localize::belief::Localizer;
 use crate::localize::goal;
@@ -40,7 +40,9 @@ pub struct Config {
     pub array: array::Config,
     /// Angle of arrival.
     pub bearing: bearing::Config,
-    /// The lidar on a serial line of our own, if obstacles come from it; otherwise the autopilot reports them.
+    /// The radio on a serial line of our own, if bearings come from it; otherwise from the antennas.
+    pub radio: Option<radio::Mount>,
+    /// The lidar on the same line, if obstacles come from it; otherwise the autopilot reports them.
     pub lidar: Option<lidar::Mount>,
     /// Circles from scans.
     pub scan: scan::Config,
@@ -89,6 +91,7 @@ impl Default for Config {
             phase: phase::Config::default(),
             array: array::Config::default(),
             bearing: bearing::Config::default(),
+            radio: None,
             lidar: None,
             scan: scan::Config::default(),
             map: map::Config::default(),
@@ -130,6 +133,15 @@ impl Config {
         check("retry_s", self.retry_s, 0.05, 10.0)?;
         if let Some(lidar) = &self.lidar {
             lidar.check()?;
+        }
+        if let Some(radio) = &self.radio {
+            radio.check()?;
+            if self.lidar.is_some() || self.turning.is_some() {
+                let why = Why::Inconsistent(
+                    "not with a lidar, which has the same line, nor with turning, which needs waveforms",
+                );
+                return Err(ConfigError { field: "radio", value: 1.0, why });
+            }
         }
         self.build_planner()?;
         let vehicle_model = self.vehicle_model.build(self.tick_s)?;

@@ -28,11 +28,11 @@ use foxhound_computer::SAMPLES_PER_CHANNEL;
 use foxhound_computer::camera;
 use foxhound_computer::deadline::{self, Monitor};
 use foxhound_computer::flight::{self, Stepped};
-use foxhound_computer::lidar::{self, Lidar};
 use foxhound_computer::log::Log;
-use foxhound_computer::port::{self, Command, HELP, LidarStatus, Status, Waiting};
+use foxhound_computer::port::{self, Command, HELP, SensorCounters, SensorStatus, Status, Waiting};
 use foxhound_computer::restart::{Cause, Restart};
 use foxhound_computer::selftest::{self, Refused};
+use foxhound_computer::sensor::{self, Sensor};
 use foxhound_computer::store::Store;
 use foxhound_computer::timing::{Feeds, Task};
 use foxhound_core::ConfigError;
@@ -195,8 +195,13 @@ pub async fn guide<B: Board>(
                 console.log.deadlines(monitor.counts());
                 console.set_height(flight.state.height_m());
                 let lost = pacer.lost().saturating_add(flight.receiver.frozen());
-                let lidar_bad = flight.lidar.as_ref().map(|lidar| lidar.counters().bad);
-                flight.companion.note_pace(Pace { longest_us, late, lost, lidar_bad });
+                let (mut lidar_bad, mut radio_bad) = (None, None);
+                match &*flight.sensor {
+                    Some(Sensor::Lidar(lidar)) => lidar_bad = Some(lidar.counters().bad),
+                    Some(Sensor::Radio(radio)) => radio_bad = Some(radio.counters().refused),
+                    None => {}
+                }
+                flight.companion.note_pace(Pace { longest_us, late, lost, lidar_bad, radio_bad });
                 let Stepped { output, ticks: fast_ticks, .. } = stepped;
                 if lock_step {
                     planning.settle().await;
@@ -223,7 +228,7 @@ pub async fn guide<B: Board>(
                         link: flight.companion.counters(),
                         line_errors: line.receiver.errors(),
                         received: line.receiver.waiting(),
-                        lidar: flight.lidar.as_ref().map(|lidar| line.lidar_status(lidar)),
+                        sensor: flight.sensor.as_ref().map(|sensor| line.sensor_status(sensor)),
                         sent: Waiting { most: line.most_waiting, room: OUTGOING_BYTES as u32, lost: 0 },
                         log: console.waiting(),
                         starts: start,
@@ -378,8 +383,8 @@ fn begin<B: Board>(config: &guidance::Config, state: &'static mut State) -> Resu
     let guidance = first_guidance(config)?;
     let systems = SYSTEMS.init(Systems::build(config)?);
     let companion = first_companion(config)?;
-    let lidar = first_lidar(config)?;
-    Ok(Flight { config, guidance, state, systems, companion, receiver, lidar })
+    let sensor = first_sensor(config)?;
+    Ok(Flight { config, guidance, state, systems, companion, receiver, sensor })
 }
 
 #[inline(never)]
@@ -395,18 +400,18 @@ fn first_companion(config: &guidance::Config) -> Result<&'static mut Companion, 
 }
 
 #[inline(never)]
-fn first_lidar(config: &guidance::Config) -> Result<&'static mut Option<Lidar>, ConfigError> {
-    static LIDAR: StaticCell<Option<Lidar>> = StaticCell::new();
-    Ok(LIDAR.init(lidar::build(config)?))
+fn first_sensor(config: &guidance::Config) -> Result<&'static mut Option<Sensor>, ConfigError> {
+    static SENSOR: StaticCell<Option<Sensor>> = StaticCell::new();
+    Ok(SENSOR.init(sensor::build(config)?))
 }
 
 /// The serial lines of guidance.
 pub struct Line<B: Board> {
     receiver: B::Receiver,
-    lidar: B::LidarReceiver,
+    sensor: B::SensorReceiver,
     outgoing: &'static Outgoing,
     rx_total: u32,
-    lidar_total: u32,
+    sensor_total: u32,
     tx_total: u32,
     /// The largest number of bytes that waited for the serial line at once.
     most_waiting: u32,
@@ -415,8 +420,8 @@ pub struct Line<B: Board> {
 impl<B: Board> Line<B> {
     /// Before the first byte.
     #[must_use]
-    pub const fn new(receiver: B::Receiver, lidar: B::LidarReceiver, outgoing: &'static Outgoing) -> Self {
-        Self { receiver, lidar, outgoing, rx_total: 0, lidar_total: 0, tx_total: 0, most_waiting: 0 }
+    pub const fn new(receiver: B::Receiver, sensor: B::SensorReceiver, outgoing: &'static Outgoing) -> Self {
+        Self { receiver, sensor, outgoing, rx_total: 0, sensor_total: 0, tx_total: 0, most_waiting: 0 }
     }
 
     /// Passes received bytes on: in lock-step exactly those that belong before this step, otherwise all.
@@ -432,19 +437,20 @@ impl<B: Board> Line<B> {
             flight.hear(step.now, heard);
         }
         loop {
-            let expected = step.lock_step.map(|lock_step| lock_step.lidar_expected);
-            let heard = take(&mut self.lidar, &mut self.lidar_total, expected, &mut bytes).await;
+            let expected = step.lock_step.map(|lock_step| lock_step.sensor_expected);
+            let heard = take(&mut self.sensor, &mut self.sensor_total, expected, &mut bytes).await;
             if heard.is_empty() {
                 return;
             }
-            if flight.hear_lidar(step.now, heard) {
-                log.hear_lidar(heard);
+            if flight.hear_sensor(step.now, heard) {
+                log.hear_sensor(heard);
             }
         }
     }
 
-    fn lidar_status(&self, lidar: &Lidar) -> LidarStatus {
-        LidarStatus { counters: lidar.counters(), received: self.lidar.waiting(), line_errors: self.lidar.errors() }
+    fn sensor_status(&self, sensor: &Sensor) -> SensorStatus {
+        let counters = SensorCounters::of(sensor);
+        SensorStatus { counters, received: self.sensor.waiting(), line_errors: self.sensor.errors() }
     }
 
     /// Sends the companion's bytes: in lock-step all, otherwise few at a time: a newer setpoint can replace one that

@@ -63,8 +63,8 @@ impl Board for Machine {
     type Spawner = SendSpawner;
     type Receiver = Receiver;
     type Transmitter = Transmitter;
-    /// HERE: a serial line of 230 400 baud, where there is a lidar.
-    type LidarReceiver = NoLine;
+    /// HERE: a serial line of 230 400 baud, where there is a lidar, of 115 200 with a radio.
+    type SensorReceiver = NoLine;
     type ConsoleReceiver = Receiver;
     type ConsoleTransmitter = Transmitter;
     type Pacer = Pacer;
@@ -95,7 +95,7 @@ impl Board for Machine {
             link: LINK.start(Interrupt::Link),
             receiver: Receiver,
             transmitter: Transmitter,
-            lidar: NoLine,
+            sensor: NoLine,
             console_receiver: Receiver,
             console_transmitter: Transmitter,
             pacer: Pacer { stack: Watermark::new() },

@@ -2,7 +2,7 @@
 //!
 //! | part | here |
 //! |---|---|
-//! | autopilot, lidar, maintenance port | pipes: [`Wire`] |
+//! | autopilot, sensor, maintenance port | pipes: [`Wire`] |
 //! | frames | orders, a step each, in lock-step: [`World::order`] |
 //! | flash | memory: [`Flash`] |
 //! | time | the world's own; constant during a step |
@@ -52,7 +52,7 @@ const NAP: Duration = Duration::from_micros(50);
 /// What surrounds the board.
 pub static WORLD: World = World {
     autopilot: Wire::new(),
-    lidar: Wire::new(),
+    sensor: Wire::new(),
     console: Wire::new(),
     orders: Mutex::new(VecDeque::new()),
     answers: Mutex::new(VecDeque::new()),
@@ -66,8 +66,8 @@ pub static WORLD: World = World {
 pub struct World {
     /// The autopilot's line.
     pub autopilot: Wire,
-    /// The lidar's line.
-    pub lidar: Wire,
+    /// The line of a lidar or a radio.
+    pub sensor: Wire,
     /// The maintenance port.
     pub console: Wire,
     orders: Mutex<VecDeque<Order>>,
@@ -184,7 +184,7 @@ impl Board for Machine {
     type Spawner = ();
     type Receiver = Receiver;
     type Transmitter = Transmitter;
-    type LidarReceiver = Receiver;
+    type SensorReceiver = Receiver;
     type ConsoleReceiver = Receiver;
     type ConsoleTransmitter = Transmitter;
     type Pacer = Pacer;
@@ -197,7 +197,7 @@ impl Board for Machine {
             link: (),
             receiver: Receiver { wire: &WORLD.autopilot, most: 0 },
             transmitter: Transmitter(&WORLD.autopilot),
-            lidar: Receiver { wire: &WORLD.lidar, most: 0 },
+            sensor: Receiver { wire: &WORLD.sensor, most: 0 },
             console_receiver: Receiver { wire: &WORLD.console, most: 0 },
             console_transmitter: Transmitter(&WORLD.console),
             pacer: Pacer { order: Order::Step { now: Instant(0), frame: None, circles: None } },
@@ -293,7 +293,7 @@ impl board::Pacer for Pacer {
                 now: *now,
                 lock_step: Some(LockStep {
                     rx_expected: WORLD.autopilot.said.load(Ordering::Relaxed),
-                    lidar_expected: WORLD.lidar.said.load(Ordering::Relaxed),
+                    sensor_expected: WORLD.sensor.said.load(Ordering::Relaxed),
                     camera_expected: 0,
                     holds_plan: false,
                     begin: Machine::ticks,

@@ -3,7 +3,7 @@
 //! | function | where |
 //! |---|---|
 //! | MAVLink | UART0, or from the autopilot by the memory: see `line` |
-//! | lidar | the memory only: see `line` |
+//! | sensor | the memory only: see `line` |
 //! | doorbell of the simulator | UART1 |
 //! | maintenance port | UART2 |
 //! | frames and reports | the shared memory at `0x2100_0000`, layout in `foxhound_computer::twin` |
@@ -53,7 +53,7 @@ use interrupt::Interrupt;
 use uart::Doorbell;
 
 pub use flash::Flash;
-pub use uart::{ConsoleReceiver, ConsoleTransmitter, LidarReceiver, Receiver, Transmitter};
+pub use uart::{ConsoleReceiver, ConsoleTransmitter, Receiver, SensorReceiver, Transmitter};
 pub use watchdog::Watchdog;
 
 // SAFETY: the memory map keeps this section and puts it into flash; it is only read, from outside.
@@ -85,7 +85,7 @@ impl Board for Machine {
     type Spawner = SendSpawner;
     type Receiver = Receiver;
     type Transmitter = Transmitter;
-    type LidarReceiver = LidarReceiver;
+    type SensorReceiver = SensorReceiver;
     type ConsoleReceiver = ConsoleReceiver;
     type ConsoleTransmitter = ConsoleTransmitter;
     type Pacer = Pacer;
@@ -133,7 +133,7 @@ fn start() -> Parts<Machine> {
         link: LINK.start(Interrupt::LinkExecutor),
         receiver,
         transmitter,
-        lidar: LidarReceiver::new(),
+        sensor: SensorReceiver::new(),
         console_receiver,
         console_transmitter,
         pacer: Pacer {
@@ -205,7 +205,7 @@ impl board::Pacer for Pacer {
                     read(twin::SETUP_AT, self.block);
                     uart::AUTOPILOT.open();
                     uart::PORT.open();
-                    uart::LIDAR.open();
+                    uart::SENSOR.open();
                     match twin::Setup::decode(self.block) {
                         Ok(setup) => {
                             self.setup = setup.guidance;
@@ -235,7 +235,7 @@ impl board::Pacer for Pacer {
             now: step.now,
             lock_step: Some(LockStep {
                 rx_expected: step.rx_expected,
-                lidar_expected: step.lidar_expected,
+                sensor_expected: step.sensor_expected,
                 camera_expected: step.camera_expected,
                 holds_plan: step.fault == Some(twin::Fault::StarvePlanner),
                 begin: faults::measured,

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | MAVLink, 921 600 baud, 8N1 | USART1: TX PA9 (CN5-1, D8), RX PA10 (CN9-3, D2): see `serial` |
 //! | maintenance port, 921 600 baud, 8N1 | LPUART1, to the ST-LINK's virtual COM port: TX PA2, RX PA3: see `serial` |
-//! | lidar, 230 400 baud, 8N1 | USART3: RX PC11 (CN7-2): see `serial` |
+//! | lidar, 230 400 baud, or radio, 115 200, 8N1 | USART3: RX PC11 (CN7-2): see `serial` |
 //! | antennas | PA0, PA1, PB0, PB12: see `acquisition` |
 //! | storage | the last 16 KB of the flash: see `flash` |
 //! | test tone | PA4: see `tone` |
@@ -76,7 +76,7 @@ impl Board for Machine {
     type Spawner = SendSpawner;
     type Receiver = Receiver;
     type Transmitter = Transmitter;
-    type LidarReceiver = Receiver;
+    type SensorReceiver = Receiver;
     type ConsoleReceiver = Receiver;
     type ConsoleTransmitter = Transmitter;
     type Pacer = Pacer;
@@ -123,7 +123,7 @@ fn start() -> Parts<Machine> {
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
     let (board, clock) = clocks::start();
-    let ([(receiver, transmitter), (console_receiver, console_transmitter)], lidar) = serial::start();
+    let ([(receiver, transmitter), (console_receiver, console_transmitter)], sensor) = serial::start();
 
     // Two vectors of unused peripherals.
     interrupt::CORDIC.set_priority(Priority::P6);
@@ -133,7 +133,7 @@ fn start() -> Parts<Machine> {
         link: LINK.start(interrupt::FMAC),
         receiver,
         transmitter,
-        lidar,
+        sensor,
         console_receiver,
         console_transmitter,
         pacer: Pacer {
@@ -211,6 +211,7 @@ impl board::Pacer for Pacer {
         if let Ok(sampling) = acquisition::TIMER.sampling(config) {
             self.acquisition.sample(sampling);
         }
+        serial::follow(config);
     }
 
     fn lost(&self) -> u32 {

@@ -6,8 +6,8 @@ use std::fmt;
 
 use foxhound_computer::camera::{self, Came, Camera, Sighted};
 use foxhound_computer::flight::{Flight, Receiver, Step, Stepped};
-use foxhound_computer::lidar::{self, Lidar};
 use foxhound_computer::selftest::{self, Report};
+use foxhound_computer::sensor::{self, Sensor};
 use foxhound_computer::twin::Planned;
 use foxhound_core::ConfigError;
 use foxhound_core::base::ned::Horizontal;
@@ -94,7 +94,7 @@ pub trait Computer {
     /// The computer does not accept them.
     fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError>;
 
-    /// Passes bytes of lidar frames to it, as they arrive on its line before the next step.
+    /// Passes bytes of a lidar, or of a radio, to it, as they arrive on its line before the next step.
     ///
     /// # Errors
     /// The computer has no such line, or does not accept them.
@@ -166,8 +166,8 @@ pub struct HostComputer {
     receiver: Receiver,
     camera: Camera,
     sighted: Option<Sighted>,
-    lidar: Option<Lidar>,
-    /// Bytes of the lidar for the next step.
+    sensor: Option<Sensor>,
+    /// Bytes of the sensor for the next step.
     turned: Vec<u8>,
 }
 
@@ -191,7 +191,7 @@ impl HostComputer {
             receiver: Receiver::new(None, &selftest::Config::default())?,
             camera: Camera::new(camera::detector(config)?),
             sighted: None,
-            lidar: lidar::build(config)?,
+            sensor: sensor::build(config)?,
             turned: Vec::new(),
             guidance,
         })
@@ -221,8 +221,8 @@ impl HostComputer {
 
     /// The flight's parts, and the storage of its parameters.
     fn parts(&mut self) -> (Flight<'_, AllSystems>, &mut Option<Store>) {
-        let Self { config, guidance, state, systems, companion, store, receiver, lidar, .. } = self;
-        (Flight { config, guidance, state, systems, companion, receiver, lidar }, store)
+        let Self { config, guidance, state, systems, companion, store, receiver, sensor, .. } = self;
+        (Flight { config, guidance, state, systems, companion, receiver, sensor }, store)
     }
 }
 
@@ -240,12 +240,12 @@ impl Computer for HostComputer {
         let turned = std::mem::take(&mut self.turned);
         let (mut flight, store) = self.parts();
         flight.hear(now, rx);
-        let is_turned = flight.hear_lidar(now, &turned);
+        let is_turned = flight.hear_sensor(now, &turned);
         let begins_anew = match &mut recording {
             Some(recording) => recording.write(|log| {
                 log.hear(rx);
                 if is_turned {
-                    log.hear_lidar(&turned);
+                    log.hear_sensor(&turned);
                 }
                 flight.serve(&mut log.parameter_store(store))
             }),

@@ -13,6 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use foxhound_core::base::time::Instant;
 use foxhound_core::control::vehicle_model;
 use foxhound_core::doa::bearing::Estimator;
+use foxhound_core::doa::radio;
 use foxhound_core::guidance::mission::Outcome;
 use foxhound_core::guidance::{self, turning};
 use foxhound_core::landing as core_landing;
@@ -21,7 +22,7 @@ use foxhound_core::planning::{explore, planner};
 
 use super::computer::Computer;
 use crate::autopilot::{Autopilot, Start, tlog};
-use crate::scenario::{Scenario, SensorModel, Software, VehicleModel, inside};
+use crate::scenario::{BearingModel, Scenario, SensorModel, Software, VehicleModel, inside};
 use crate::world::antennas::Antennas;
 use crate::world::{Horizontal, Pose, World, from_core, horizontal, wrap_pi};
 
@@ -121,6 +122,10 @@ impl Mission {
             ..core_landing::Config::default()
         });
         config.lidar = (scenario.sensor.model == SensorModel::Lidar).then(Mount::default);
+        config.radio = (scenario.bearing_model() == BearingModel::Uudf).then(|| radio::Mount {
+            sigma_rad: (scenario.bearing.sigma_deg.to_radians() as f32).max(SIGMA_FLOOR_RAD as f32),
+            ..radio::Mount::default()
+        });
         config.vehicle_model = match scenario.vehicle.model {
             VehicleModel::Point => {
                 vehicle_model::Config { dead_time_s: POINT_DEAD_TIME_S, lag_s: scenario.vehicle.lag_s as f32 }
@@ -216,6 +221,9 @@ pub fn fly_until(
             });
             let motion = &sensed.motion;
             let heard = receiver.receive(&rig.world, &motion.pose, now, time_s);
+            if let Some(line) = heard.line() {
+                computer.turn(line.as_bytes())?;
+            }
             let report = computer.step(now, heard.front_end(), sensed.circles.as_deref(), &sensed.rx)?;
             if let Some(log) = log.as_deref_mut() {
                 // `finish` reports what went wrong; the flight continues without the log.

@@ -13,10 +13,10 @@
 use std::collections::VecDeque;
 
 use foxhound_computer::flight::{Flight, ParameterStore, Receiver, Step};
-use foxhound_computer::lidar::{self, Lidar};
 use foxhound_computer::log::frame::{Frame, LogDeframer};
 use foxhound_computer::log::{self, Begin, Beginning, LAYOUT, Record};
 use foxhound_computer::selftest;
+use foxhound_computer::sensor::{self, Sensor};
 use foxhound_computer::twin::Planned;
 use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::obstacle::{Circle, Disc};
@@ -215,7 +215,10 @@ impl Replay {
             Record::Late(late) => self.summary.late_steps = late.late,
             Record::Text(_) => {}
             Record::Step(step) => {
-                let taken = step.heard.as_ref().filter(|_| self.follows).map(|heard| heard.bearing.time);
+                // The bearings of a radio are in the bytes of its line, not in a frame.
+                let has_radio = self.flown.as_ref().is_some_and(|flown| flown.config.radio.is_some());
+                let by_frames = self.follows && !has_radio;
+                let taken = step.heard.as_ref().filter(|_| by_frames).map(|heard| heard.bearing.time);
                 let snapshot = taken.map(|time| self.offered_at(time)).transpose()?;
                 if let Some(flown) = &mut self.flown {
                     let bytes = if self.follows { flown.bytes.concat() } else { Vec::new() };
@@ -246,7 +249,7 @@ struct Flown {
     systems: AllSystems,
     companion: Companion,
     receiver: Receiver,
-    lidar: Option<Lidar>,
+    sensor: Option<Sensor>,
     plans: VecDeque<Answer>,
     steps: u64,
     has_differed: bool,
@@ -283,7 +286,7 @@ impl Flown {
             systems: AllSystems::build(&begin.config)?,
             companion,
             receiver: Receiver::new(None, &selftest::Config::default())?,
-            lidar: lidar::build(&begin.config)?,
+            sensor: sensor::build(&begin.config)?,
             plans: VecDeque::new(),
             steps: 0,
             has_differed: false,
@@ -299,11 +302,14 @@ impl Flown {
     fn take(&mut self, record: Record<'_>, summary: &mut Summary) {
         match record {
             Record::Bytes(bytes) => self.bytes.push(bytes.to_vec()),
-            Record::Lidar(bytes) => self.turned.push(bytes.to_vec()),
+            Record::Sensor(bytes) => self.turned.push(bytes.to_vec()),
             Record::Circles(circles) => self.circles = Some(circles.to_vec()),
             Record::Look(look) => self.look = Some(look),
             Record::Codes(codes) => {
-                if let (Some(snapshot), Some(heard)) = (codes.snapshot(), &self.heard) {
+                // With a radio the bearings are not those of the converters.
+                if self.config.radio.is_none()
+                    && let (Some(snapshot), Some(heard)) = (codes.snapshot(), &self.heard)
+                {
                     summary.codes_checked += 1;
                     summary.codes_off += u64::from(!self.is_heard_in(heard, &snapshot));
                 }
@@ -334,7 +340,7 @@ impl Flown {
             flight.hear(step.now, piece);
         }
         for piece in &turned {
-            flight.hear_lidar(step.now, piece);
+            flight.hear_sensor(step.now, piece);
         }
         flight.serve(&mut answers);
         let heard = step.heard.as_ref().map_or(FrontEnd::Nothing, FrontEnd::Measured);
@@ -373,8 +379,8 @@ impl Flown {
     }
 
     fn flight(&mut self) -> Flight<'_, AllSystems> {
-        let Self { config, guidance, state, systems, companion, receiver, lidar, .. } = self;
-        Flight { config, guidance, state, systems, companion, receiver, lidar }
+        let Self { config, guidance, state, systems, companion, receiver, sensor, .. } = self;
+        Flight { config, guidance, state, systems, companion, receiver, sensor }
     }
 
     /// Whether the samples give the logged measurement, as far as that can be compared.

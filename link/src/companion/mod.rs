@@ -80,6 +80,8 @@ pub struct Pace {
     pub lost: u32,
     /// Damaged frames of the lidar since its setup, where there is one.
     pub lidar_bad: Option<u32>,
+    /// Lines of the radio that could not be read since its setup, where there is one.
+    pub radio_bad: Option<u32>,
 }
 
 /// Counts of errors and of traffic since the start.

@@ -49,6 +49,8 @@ static VALUES: [[u8; 10]; 15] = [
 ];
 /// Takes the place of the last value where obstacles come from a lidar of our own.
 const LIDAR_VALUE: [u8; 10] = *b"FH_LDR\0\0\0\0";
+/// Takes the place of the elevation where bearings come from a radio of our own, which gives none.
+const RADIO_VALUE: [u8; 10] = *b"FH_RAD\0\0\0\0";
 /// Bytes of a `STATUSTEXT`.
 pub const NOTICE_BYTES: usize = 50;
 /// A state that lasts for less is not reported.
@@ -309,11 +311,13 @@ impl Companion {
         let belief = output.source_share_and_nis.filter(|_| fresh.is_some());
         let turn = self.telemetry.turn;
         let lidar_bad = self.pace.and_then(|pace| pace.lidar_bad);
+        let radio_bad = self.pace.and_then(|pace| pace.radio_bad);
         let value = match turn {
             0 => towards_rad.map(compass_deg),
             1 => fresh.map(|(_, snr_db, ..)| snr_db),
             2 => fresh.map(|(_, _, sigma_deg, _)| sigma_deg),
             3 => Some(f32::from(output.outcome as u8)),
+            4 if radio_bad.is_some() => radio_bad.map(|bad| bad as f32),
             4 => fresh.and_then(|(.., elevation_deg)| elevation_deg),
             5 => self.range_m(output),
             6 => belief.map(|(share, _)| share),
@@ -333,8 +337,11 @@ impl Companion {
             self.outbox.post_direction(&direction(now, towards_rad, depression_rad));
         }
         if let Some(value) = value.filter(|value| value.is_finite()) {
-            let is_lidar = turn == 14 && lidar_bad.is_some();
-            let name = CharArray::new(if is_lidar { LIDAR_VALUE } else { VALUES[usize::from(turn)] });
+            let name = CharArray::new(match turn {
+                4 if radio_bad.is_some() => RADIO_VALUE,
+                14 if lidar_bad.is_some() => LIDAR_VALUE,
+                _ => VALUES[usize::from(turn)],
+            });
             self.outbox.post_note(&NAMED_VALUE_FLOAT_DATA { time_boot_ms: boot_ms(now), value, name });
         }
     }

@@ -16,7 +16,7 @@ use crate::bench::*;
 fn named_values_are_told_every_0_6_s_each_and_a_direction_with_them() {
     let mut bench = Bench::flying();
     bench.answers = true;
-    bench.companion.note_pace(Pace { longest_us: 1_500, late: 3, lost: 4, lidar_bad: Some(5) });
+    bench.companion.note_pace(Pace { longest_us: 1_500, late: 3, lost: 4, lidar_bad: Some(5), radio_bad: None });
     bench.run(0.1);
     bench.take_sent();
     let told = bench.output.as_mut().unwrap();
@@ -78,6 +78,22 @@ fn named_values_are_told_every_0_6_s_each_and_a_direction_with_them() {
     let (level, below) = (0.2_f32.cos(), 0.2_f32.sin());
     assert!((north - 1.0_f32.cos() * level).abs() < 1e-3 && (east + 1.0_f32.sin() * level).abs() < 1e-3);
     assert!((down - below).abs() < 1e-3);
+}
+
+#[test]
+fn lines_of_a_radio_that_cannot_be_read_are_told_in_place_of_the_elevation() {
+    let mut bench = Bench::flying();
+    bench.companion.note_pace(Pace { longest_us: 0, late: 0, lost: 0, lidar_bad: None, radio_bad: Some(7) });
+    bench.take_sent();
+    bench.output.as_mut().unwrap().bearing = Some(bearing());
+    bench.run(2.0);
+    let values = bench.take_sent().into_iter().filter_map(|sent| match sent.message {
+        MavMessage::NAMED_VALUE_FLOAT(value) => Some((value.name.to_str().unwrap().to_owned(), value.value)),
+        _ => None,
+    });
+    let values: Vec<(String, f32)> = values.collect();
+    assert!(values.contains(&("FH_RAD".to_owned(), 7.0)), "{values:?}");
+    assert!(!values.iter().any(|(name, _)| name == "FH_ELV"), "{values:?}");
 }
 
 #[test]

@@ -5,7 +5,7 @@ use core::f32::consts::PI;
 use super::Values;
 use crate::base::ned::Horizontal;
 use crate::control::guard::Fence;
-use crate::doa::array;
+use crate::doa::{array, radio};
 use crate::guidance::{Config, param, turning};
 use crate::landing;
 use crate::mapping::lidar;
@@ -54,6 +54,30 @@ pub(super) fn set_lidar(values: &Values, config: &mut Config) {
         // In this order a quarter and a half turn are exact.
         yaw_rad: values.get(param::FH_LDR_YAW) / 180.0 * PI,
         is_upside_down: values.whole(param::FH_OBS_SRC) > 1,
+    });
+}
+
+pub(super) fn brg_src(config: &Config) -> Option<f32> {
+    Some(switch(config.radio.is_some()))
+}
+
+pub(super) fn brg_tag(config: &Config) -> Option<f32> {
+    Some(config.radio?.tag as f32)
+}
+
+pub(super) fn brg_yaw(config: &Config) -> Option<f32> {
+    Some(config.radio?.yaw_rad * (180.0 / PI))
+}
+
+pub(super) fn brg_sigma(config: &Config) -> Option<f32> {
+    Some(config.radio?.sigma_rad / PI * 180.0)
+}
+
+pub(super) fn set_radio(values: &Values, config: &mut Config) {
+    config.radio = values.is_on(param::FH_BRG_SRC).then_some(radio::Mount {
+        yaw_rad: values.get(param::FH_BRG_YAW) / 180.0 * PI,
+        sigma_rad: values.get(param::FH_BRG_SIGMA) / 180.0 * PI,
+        tag: values.whole(param::FH_BRG_TAG),
     });
 }
 

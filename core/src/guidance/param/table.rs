@@ -326,6 +326,35 @@ pub const TABLE: &[Param] = &[
         "Progress means having moved this far since the time started.",
     ),
     // Antennas.
+    switch(
+        "FH_BRG_SRC",
+        0.0,
+        Parts(parts::brg_src, parts::set_radio),
+        "Source of bearings: 0 the antennas, 1 the +UUDF lines of a radio on the lidar's serial line; FH_OBS_SRC must be 0 then.",
+    ),
+    whole(
+        "FH_BRG_TAG",
+        0.0,
+        [0.0, 16_777_215.0],
+        Parts(parts::brg_tag, parts::set_radio),
+        "The tag that this radio seeks: the last six digits of its address, which are hexadecimal, as a decimal number; 0: any tag.",
+    ),
+    real(
+        "FH_BRG_YAW",
+        "deg",
+        0.0,
+        [-180.0, 180.0],
+        Parts(parts::brg_yaw, parts::set_radio),
+        "Direction of that radio's normal, from the nose, clockwise.",
+    ),
+    real(
+        "FH_BRG_SIGMA",
+        "deg",
+        8.0,
+        [0.1, 90.0],
+        Parts(parts::brg_sigma, parts::set_radio),
+        "Standard deviation of its angles.",
+    ),
     real(
         "FH_WAVELEN",
         "m",

@@ -39,6 +39,10 @@ const PLACES: &[(&str, Place)] = &[
     ("FH_START_CLR", |c| c.guard.coverage.start_clearance_m),
     ("FH_OBS_SRC", |c| c.lidar.map_or(0.0, |lidar| 1.0 + f32::from(u8::from(lidar.is_upside_down)))),
     ("FH_LDR_YAW", |c| c.lidar.unwrap_or_default().yaw_rad.to_degrees()),
+    ("FH_BRG_SRC", |c| f32::from(u8::from(c.radio.is_some()))),
+    ("FH_BRG_TAG", |c| c.radio.unwrap_or_default().tag as f32),
+    ("FH_BRG_YAW", |c| c.radio.unwrap_or_default().yaw_rad.to_degrees()),
+    ("FH_BRG_SIGMA", |c| c.radio.unwrap_or_default().sigma_rad.to_degrees()),
     ("FH_TGT_DIST", |c| c.goal.target_distance_m),
     ("FH_RPL_TIME", |c| c.replan_after_s),
     ("FH_RPL_WPT", |c| f32::from(c.replan_at_waypoint)),
@@ -104,6 +108,7 @@ fn company(id: Id, value: f32) -> Vec<(Id, f32)> {
         "FH_TURN_RATE" => &[("FH_TURN", 1.0), ("FH_YAWR_MAX", 6.3)],
         "FH_TURN_CH" => &[("FH_TURN", 2.0)],
         "FH_LDR_YAW" => &[("FH_OBS_SRC", 1.0)],
+        "FH_BRG_TAG" | "FH_BRG_YAW" | "FH_BRG_SIGMA" => &[("FH_BRG_SRC", 1.0)],
         "FH_LND_REQ" | "FH_PAD_R" | "FH_CAM_FOCAL" => &[("FH_LND_MODE", 2.0)],
         _ => &[],
     };
@@ -123,7 +128,7 @@ fn forced(id: Id, value: f32) -> guidance::Config {
 #[test]
 fn the_defaults_of_the_table_are_those_of_guidance() {
     let default = guidance::Config::default();
-    for (id, place) in places().filter(|(id, _)| !["FH_OBS_FOV", "FH_ARR_SIDE"].contains(&id.name())) {
+    for (id, place) in places().filter(|(id, _)| !["FH_OBS_FOV", "FH_ARR_SIDE", "FH_BRG_SIGMA"].contains(&id.name())) {
         assert_eq!(id.default().to_bits(), place(&default).to_bits(), "{}", id.name());
     }
     // The values of the whole configuration, bit for bit, also where the table is in degrees.

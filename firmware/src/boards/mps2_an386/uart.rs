@@ -6,7 +6,7 @@
 //! Bytes of the autopilot, and of a camera, also come through the memory shared with the simulator, as by DMA: layout
 //! in `foxhound_computer::twin`. QEMU's serial line costs the simulator's machine a dozen thread switches per byte. A
 //! simulator that flies for hours fills the rings before it rings the doorbell; one that does not uses UART0 and
-//! UART2. Bytes written before the setup of this start belong to the last one. Those of a lidar come only through the
+//! UART2. Bytes written before the setup of this start belong to the last one. Those of a sensor come only through the
 //! memory.
 
 use core::future::{Future as _, poll_fn};
@@ -23,7 +23,7 @@ use embassy_sync::waitqueue::AtomicWaker;
 use foxhound_computer::part::{self, Refused};
 use foxhound_computer::port::Waiting;
 use foxhound_computer::twin::{
-    LIDAR_AT, LIDAR_BYTES, LIDAR_TOTAL_AT, LINE_AT, LINE_BYTES, LINE_TOTAL_AT, PORT_AT, PORT_BYTES, PORT_TOTAL_AT,
+    LINE_AT, LINE_BYTES, LINE_TOTAL_AT, PORT_AT, PORT_BYTES, PORT_TOTAL_AT, SENSOR_AT, SENSOR_BYTES, SENSOR_TOTAL_AT,
 };
 
 use super::PSRAM;
@@ -142,27 +142,27 @@ impl Read for Receiver {
     }
 }
 
-/// From the lidar.
+/// From the sensor.
 #[derive(Debug)]
-pub struct LidarReceiver {
+pub struct SensorReceiver {
     /// The largest number of bytes that waited at once.
     most: u32,
 }
 
-impl LidarReceiver {
+impl SensorReceiver {
     pub(super) const fn new() -> Self {
         Self { most: 0 }
     }
 }
 
-impl board::Receiver for LidarReceiver {
+impl board::Receiver for SensorReceiver {
     fn try_read(&mut self, bytes: &mut [u8]) -> usize {
-        self.most = self.most.max(LIDAR.waiting());
-        LIDAR.take(bytes, Waker::noop())
+        self.most = self.most.max(SENSOR.waiting());
+        SENSOR.take(bytes, Waker::noop())
     }
 
     fn waiting(&self) -> Waiting {
-        Waiting { most: self.most, room: LIDAR_BYTES as u32, lost: 0 }
+        Waiting { most: self.most, room: SENSOR_BYTES as u32, lost: 0 }
     }
 
     fn errors(&self) -> u32 {
@@ -170,10 +170,10 @@ impl board::Receiver for LidarReceiver {
     }
 }
 
-impl Read for LidarReceiver {
+impl Read for SensorReceiver {
     async fn read(&mut self, bytes: &mut [u8]) -> usize {
-        self.most = self.most.max(LIDAR.waiting());
-        poll_fn(|context| match LIDAR.take(bytes, context.waker()) {
+        self.most = self.most.max(SENSOR.waiting());
+        poll_fn(|context| match SENSOR.take(bytes, context.waker()) {
             0 => Poll::Pending,
             count => Poll::Ready(count),
         })
@@ -317,7 +317,7 @@ pub(super) extern "C" fn on_bell() {
     receive(UART1, Interrupt::Uart1Rx, &BELL);
     AUTOPILOT.wake();
     PORT.wake();
-    LIDAR.wake();
+    SENSOR.wake();
 }
 
 /// Bytes of the autopilot.
@@ -325,8 +325,8 @@ pub(super) static AUTOPILOT: Line = Line::new(LINE_TOTAL_AT, LINE_AT, LINE_BYTES
 /// Bytes of the maintenance port, those of a camera among them.
 pub(super) static PORT: Line = Line::new(PORT_TOTAL_AT, PORT_AT, PORT_BYTES);
 
-/// Bytes of the lidar.
-pub(super) static LIDAR: Line = Line::new(LIDAR_TOTAL_AT, LIDAR_AT, LIDAR_BYTES);
+/// Bytes of the sensor.
+pub(super) static SENSOR: Line = Line::new(SENSOR_TOTAL_AT, SENSOR_AT, SENSOR_BYTES);
 
 /// A ring in the shared memory.
 pub(super) struct Line {

@@ -1,10 +1,11 @@
-//! The serial lines, 8N1, by DMA: two of 921 600 baud in both directions, and one of 230 400 that only receives.
+//! The serial lines, 8N1, by DMA: two of 921 600 baud in both directions, and one of 230 400, with a radio of 115 200, that
+//! only receives.
 //!
 //! | line | pins | DMA1 | request |
 //! |---|---|---|---|
 //! | autopilot, USART1 | TX PA9, RX PA10 (alternate function 7) | channel 1 sends, 2 receives | 25, 24 |
 //! | maintenance port, LPUART1 | TX PA2, RX PA3 (alternate function 12) | channel 3 sends, 4 receives | 35, 34 |
-//! | lidar, USART3 | RX PC11 (alternate function 7) | channel 5 receives | 28 |
+//! | lidar or radio, USART3 | RX PC11 (alternate function 7) | channel 5 receives | 28 |
 //!
 //! After RM0440, chapters DMA, DMAMUX, USART and LPUART:
 //!
@@ -30,6 +31,8 @@ use embassy_sync::waitqueue::AtomicWaker;
 use foxhound_computer::circular::{self, Counts, Cursor};
 use foxhound_computer::part;
 use foxhound_computer::port::Waiting;
+use foxhound_computer::radio;
+use foxhound_core::guidance;
 
 use super::CLOCK_MHZ;
 use crate::board::{self, Read, Write};
@@ -44,14 +47,14 @@ const RING_BYTES: usize = 4096;
 /// A camera's bytes of 5.5 ms.
 const PORT_RING_BYTES: usize = 512;
 /// 44 ms at the full rate: two steps of guidance.
-const LIDAR_RING_BYTES: usize = 1024;
+const SENSOR_RING_BYTES: usize = 1024;
 
 type Bytes<const N: usize> = [AtomicU8; N];
 
 static RING: Bytes<RING_BYTES> = [const { AtomicU8::new(0) }; RING_BYTES];
 static PIECE: Bytes<PIECE_BYTES> = [const { AtomicU8::new(0) }; PIECE_BYTES];
 static PORT_RING: Bytes<PORT_RING_BYTES> = [const { AtomicU8::new(0) }; PORT_RING_BYTES];
-static LIDAR_RING: Bytes<LIDAR_RING_BYTES> = [const { AtomicU8::new(0) }; LIDAR_RING_BYTES];
+static SENSOR_RING: Bytes<SENSOR_RING_BYTES> = [const { AtomicU8::new(0) }; SENSOR_RING_BYTES];
 static PORT_PIECE: Bytes<PIECE_BYTES> = [const { AtomicU8::new(0) }; PIECE_BYTES];
 
 /// A channel of DMA1, by its index from 0, and its request.
@@ -91,7 +94,7 @@ static PORT: Line = Line::new(
     &PORT_RING,
     &PORT_PIECE,
 );
-static LIDAR: Line = Line::new(USART3, None, Channel { index: 4, request: 28 }, &LIDAR_RING, &[]);
+static SENSOR: Line = Line::new(USART3, None, Channel { index: 4, request: 28 }, &SENSOR_RING, &[]);
 
 /// The receiving end of a line.
 pub struct Receiver {
@@ -102,7 +105,7 @@ pub struct Receiver {
 /// The sending end of a line.
 pub struct Transmitter(&'static Line);
 
-/// The lines of the autopilot, the maintenance port and the lidar. Call it once, when the clocks run.
+/// The lines of the autopilot, the maintenance port and the sensor. Call it once, when the clocks run.
 pub(super) fn start() -> ([(Receiver, Transmitter); 2], Receiver) {
     RCC.ahb1enr().modify(|w| {
         w.set_dma1en(true);
@@ -123,7 +126,7 @@ pub(super) fn start() -> ([(Receiver, Transmitter); 2], Receiver) {
         // LPUART: 256 times finer.
         PORT.start(baud_divider(clock_hz, BAUD, 256)),
     ];
-    let (lidar, _) = LIDAR.start(baud_divider(clock_hz, LIDAR_BAUD, 1));
+    let (sensor, _) = SENSOR.start(baud_divider(clock_hz, LIDAR_BAUD, 1));
     GPIOC.afr(1).modify(|w| w.set_afr(11 % 8, 7));
     GPIOC.pupdr().modify(|w| w.set_pupdr(11, Pupdr::PULL_UP));
     GPIOC.moder().modify(|w| w.set_moder(11, Moder::ALTERNATE));
@@ -145,7 +148,13 @@ pub(super) fn start() -> ([(Receiver, Transmitter); 2], Receiver) {
         // SAFETY: the handlers below are ready, and no mask-based critical section is in use. Those of DMA1 embassy has enabled.
         unsafe { cortex_m::peripheral::NVIC::unmask(vector) };
     }
-    (ends, lidar)
+    (ends, sensor)
+}
+
+/// Gives the sensor's line the bit rate of the configured sensor.
+pub(super) fn follow(config: &guidance::Config) {
+    let baud = if config.radio.is_some() { radio::BAUD } else { LIDAR_BAUD };
+    SENSOR.set_divider(baud_divider(CLOCK_MHZ * 1_000_000, baud, 1));
 }
 
 impl Line {
@@ -196,6 +205,16 @@ impl Line {
             w.set_ue(true);
         });
         (Receiver { line: self, cursor: Cursor::new() }, Transmitter(self))
+    }
+
+    /// Changes the bit rate, for which the UART has to be off (RM0440, `USART_BRR`); what is being received is lost.
+    fn set_divider(&self, divider: u32) {
+        let uart = self.uart;
+        if uart.brr().read().0 != divider {
+            uart.cr1().modify(|w| w.set_ue(false));
+            uart.brr().write(|w| w.0 = divider);
+            uart.cr1().modify(|w| w.set_ue(true));
+        }
     }
 
     /// Lets DMA fill the ring from its beginning.
@@ -378,7 +397,7 @@ fn LPUART1() {
 
 #[interrupt]
 fn USART3() {
-    LIDAR.on_uart();
+    SENSOR.on_uart();
 }
 
 #[interrupt]
@@ -403,5 +422,5 @@ fn DMA1_CHANNEL4() {
 
 #[interrupt]
 fn DMA1_CHANNEL5() {
-    LIDAR.on_received();
+    SENSOR.on_received();
 }

@@ -1,4 +1,4 @@
-//! The input of the direction finding in a flight: bearings with noise, or the antennas' waveforms.
+//! The input of the direction finding in a flight: bearings with noise, lines of a radio with such, or the antennas' waveforms.
 
 use std::f64::consts::TAU;
 
@@ -26,6 +26,8 @@ pub(super) struct Receiver<'a> {
 pub(super) enum Reception {
     Frame(Box<foxhound_core::base::adc::AdcFrame<BLOCK>>),
     Bearing(bearing::Bearing),
+    /// Of a radio on the computer's own line.
+    Line(String),
     Nothing,
 }
 
@@ -34,7 +36,7 @@ impl Reception {
         match self {
             Self::Frame(snapshot) => FrontEnd::Frame(snapshot),
             Self::Bearing(bearing) => FrontEnd::Bearing(*bearing),
-            Self::Nothing => FrontEnd::Nothing,
+            Self::Line(_) | Self::Nothing => FrontEnd::Nothing,
         }
     }
 }
@@ -44,7 +46,15 @@ impl Reception {
     pub(super) fn frame(&self) -> Option<&foxhound_core::base::adc::AdcFrame<BLOCK>> {
         match self {
             Self::Frame(snapshot) => Some(snapshot),
-            Self::Bearing(_) | Self::Nothing => None,
+            Self::Bearing(_) | Self::Line(_) | Self::Nothing => None,
+        }
+    }
+
+    /// The line, if there is one.
+    pub(super) fn line(&self) -> Option<&str> {
+        match self {
+            Self::Line(line) => Some(line),
+            _ => None,
         }
     }
 }
@@ -63,6 +73,14 @@ impl<'a> Receiver<'a> {
     }
 
     pub(super) fn receive(&mut self, world: &World, vehicle: &Pose, now: Instant, time_s: f64) -> Reception {
+        let is_line = self.mission.scenario.bearing_model() == BearingModel::Uudf;
+        match self.hear(world, vehicle, now, time_s) {
+            Reception::Bearing(bearing) if is_line => uudf(&bearing).map_or(Reception::Nothing, Reception::Line),
+            heard => heard,
+        }
+    }
+
+    fn hear(&mut self, world: &World, vehicle: &Pose, now: Instant, time_s: f64) -> Reception {
         let scenario = &self.mission.scenario;
         let settings = &scenario.bearing;
         let from = horizontal(vehicle);
@@ -79,8 +97,7 @@ impl<'a> Receiver<'a> {
             return Reception::Bearing(bearing_of(now, f64::NAN, SIGMA_FLOOR_RAD));
         }
         let is_between = settings.pulses.is_some_and(|pulses| !pulses.at_antennas().sounds(time_s));
-        let is_silent =
-            inside(settings.dropout, time_s) || is_between && scenario.bearing_model() == BearingModel::Noise;
+        let is_silent = inside(settings.dropout, time_s) || is_between && scenario.bearing_model() != BearingModel::Rf;
         let other = |beacon: &OtherBeacon| Interferer {
             tone_hz: self.antennas.tone_hz + beacon.offset_hz,
             azimuth_ned_rad: Horizontal::from_xy([beacon.x, beacon.y]).minus(from).bearing_rad(),
@@ -93,7 +110,8 @@ impl<'a> Receiver<'a> {
             let is_dead = inside(scenario.faults.dead_channels[channel], time_s) || is_single && channel > 0;
             if is_dead { Fault::Dead } else { Fault::None }
         });
-        if let Some(rate_hz) = settings.rate_hz {
+        let is_line = scenario.bearing_model() == BearingModel::Uudf;
+        if let Some(rate_hz) = settings.rate_hz.or_else(|| is_line.then_some(UUDF_HZ)) {
             if time_s < self.due_s {
                 return Reception::Nothing;
             }
@@ -101,8 +119,8 @@ impl<'a> Receiver<'a> {
         }
         match scenario.bearing_model() {
             _ if !world.walls.is_empty() => self.receive_among_walls(world, vehicle, now, time_s, is_silent),
-            BearingModel::Noise if is_silent => Reception::Nothing,
-            BearingModel::Noise => {
+            BearingModel::Noise | BearingModel::Uudf if is_silent => Reception::Nothing,
+            BearingModel::Noise | BearingModel::Uudf => {
                 let sigma_rad = settings.sigma_deg.to_radians();
                 let azimuth_rad = bearing_ned_rad - vehicle.yaw_rad + sigma_rad * self.random.gaussian();
                 // The sigma includes the bias, as found by a calibration at many places.
@@ -137,8 +155,8 @@ impl Receiver<'_> {
         let Some(strongest) = paths.first() else { return Reception::Nothing };
         let snr_db = settings.snr_db.unwrap_or(DEFAULT_SNR_DB) + strongest.gain_db() + 20.0 * libm::log10(REFERENCE_M);
         match self.mission.scenario.bearing_model() {
-            BearingModel::Noise if is_silent || snr_db < SNR_MIN_DB => Reception::Nothing,
-            BearingModel::Noise => {
+            BearingModel::Noise | BearingModel::Uudf if is_silent || snr_db < SNR_MIN_DB => Reception::Nothing,
+            BearingModel::Noise | BearingModel::Uudf => {
                 let sigma_rad = settings.sigma_deg.to_radians();
                 let heard_rad = strongest.bearing_rad(from) + sigma_rad * self.random.gaussian();
                 let mut bearing = bearing_of(now, wrap_pi(heard_rad - vehicle.yaw_rad), sigma_rad.max(SIGMA_FLOOR_RAD));
@@ -162,6 +180,17 @@ impl Receiver<'_> {
         }
     }
 }
+
+/// The line of a radio that has measured this; `None` behind it.
+fn uudf(bearing: &bearing::Bearing) -> Option<String> {
+    let azimuth_deg = bearing.azimuth_rad.to_degrees();
+    let time_ms = bearing.time.0 / 1000;
+    (azimuth_deg.abs() <= 90.0)
+        .then(|| format!("+UUDF:6C1DEBA41845,-56,{azimuth_deg:.0},0,0,37,\"6C1DEBA79D14\",\"\",{time_ms},0\r\n"))
+}
+
+/// Lines of the radio a second.
+const UUDF_HZ: f64 = 10.0;
 
 /// A standard normal number that is fixed for each place.
 fn place_bias(seed: u64, at: Horizontal) -> f64 {

@@ -24,8 +24,11 @@ impl Needs {
         }
         let scenario = &mission.scenario;
         let refuse = |key: &str, why: &str| Err(InputError::new(format!("--via g474: {key}: {why}")));
-        if scenario.bearing_model() != BearingModel::Rf {
-            return refuse("bearing.model", "the image needs waveforms (rf; --snr-db selects them)");
+        if scenario.bearing_model() == BearingModel::Noise {
+            return refuse(
+                "bearing.model",
+                "the image needs waveforms (rf; --snr-db selects them) or lines of a radio (uudf)",
+            );
         }
         if scenario.faults.nan_bearing.is_some() {
             return refuse("faults.nan_bearing", "the image accepts no bearings from outside");

@@ -46,8 +46,8 @@ pub struct QemuComputer {
     /// Bytes of camera frames since its last start, and of those that went through the memory.
     camera_total: u32,
     camera_laid: u32,
-    /// Bytes of the lidar since its last start.
-    lidar_total: u32,
+    /// Bytes of the sensor since its last start.
+    sensor_total: u32,
     /// Frames are sent on the serial line, byte by byte, as on a board.
     camera_by_line: bool,
     /// MAVLink bytes that were read from the socket before the end of their step.
@@ -140,7 +140,7 @@ impl QemuComputer {
             tx_total: 0,
             camera_total: 0,
             camera_laid: 0,
-            lidar_total: 0,
+            sensor_total: 0,
             camera_by_line: false,
             drained: Vec::new(),
             late_steps: 0,
@@ -195,7 +195,7 @@ impl QemuComputer {
     /// As of [`set_up`](Self::set_up).
     pub fn recover(&mut self, setup: &Setup) -> Result<(), QemuError> {
         (self.rx_total, self.tx_total, self.late_steps) = (0, 0, 0);
-        (self.camera_total, self.camera_laid, self.lidar_total) = (0, 0, 0);
+        (self.camera_total, self.camera_laid, self.sensor_total) = (0, 0, 0);
         self.write_setup(setup)?;
         let block = self.ring(twin::SETUP)?;
         let ready = Ready::decode(&block).map_err(|error| self.lost(format!("the answer to the setup: {error}")))?;
@@ -231,7 +231,7 @@ impl QemuComputer {
         setup.encode(&mut block).map_err(|error| self.lost(format!("the setup: {error}")))?;
         self.write_rx_total()?;
         self.write_camera_total()?;
-        self.write_lidar_total()?;
+        self.write_sensor_total()?;
         Ok(self.write_memory(&block, twin::SETUP_AT)?)
     }
 
@@ -254,7 +254,7 @@ impl QemuComputer {
             now,
             rx_expected: self.rx_total,
             camera_expected: self.camera_total,
-            lidar_expected: self.lidar_total,
+            sensor_expected: self.sensor_total,
             front_end,
             circles,
             fault: self.fault.take(),
@@ -302,15 +302,15 @@ impl QemuComputer {
         Ok(self.write_camera_total()?)
     }
 
-    /// Passes bytes of lidar frames to it, which it will have received before the next step.
+    /// Passes bytes of a lidar, or of a radio, to it, which it will have received before the next step.
     ///
     /// # Errors
     /// They are more than fit, or QEMU is gone.
     pub fn turn(&mut self, bytes: &[u8]) -> Result<(), QemuError> {
-        let at = self.lidar_total;
-        self.lidar_total = self.lidar_total.wrapping_add(bytes.len() as u32);
-        self.lay(bytes, at, twin::LIDAR_AT, twin::LIDAR_BYTES)?;
-        Ok(self.write_lidar_total()?)
+        let at = self.sensor_total;
+        self.sensor_total = self.sensor_total.wrapping_add(bytes.len() as u32);
+        self.lay(bytes, at, twin::SENSOR_AT, twin::SENSOR_BYTES)?;
+        Ok(self.write_sensor_total()?)
     }
 
     /// Passes the autopilot's bytes to it.
@@ -335,8 +335,8 @@ impl QemuComputer {
         Ok(self.write_memory(after, ring_at)?)
     }
 
-    fn write_lidar_total(&self) -> io::Result<()> {
-        self.write_memory(&self.lidar_total.to_le_bytes(), twin::LIDAR_TOTAL_AT)
+    fn write_sensor_total(&self) -> io::Result<()> {
+        self.write_memory(&self.sensor_total.to_le_bytes(), twin::SENSOR_TOTAL_AT)
     }
 
     fn write_rx_total(&self) -> io::Result<()> {
