@@ -13,7 +13,7 @@ pub fn radio(case: &[u8]) -> Reached {
     let mut reached = Reached { configured: true, ..Reached::default() };
     let (mut reports, mut lines) = (hci::Reader::new(), uudf::Reader::default());
     let mut is_clean = true;
-    let tag = if draw.flag() { 0 } else { draw.word() as u32 & 0xFF_FFFF };
+    let tag = if draw.flag() { 0 } else { draw.word() & 0xFF_FFFF };
     let mut radio = Radio::new(Mount { yaw_rad: draw.field(0.0, -3.1, 3.1), tag, ..Mount::default() });
     while !draw.rest.is_empty() {
         let count = match draw.below(8) {
@@ -84,7 +84,7 @@ pub fn radio(case: &[u8]) -> Reached {
         }
         if let Some(bearing) = radio.bearing() {
             assert!(reached.settled > before, "a bearing without an angle");
-            assert!(bearing.azimuth_rad.abs() <= 3.1416 && bearing.time == Instant(1), "{bearing:?}");
+            assert!(bearing.azimuth_rad.abs() <= core::f32::consts::PI + 1e-4 && bearing.time == Instant(1), "{bearing:?}");
             radio.take();
         }
     }

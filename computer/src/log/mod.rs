@@ -167,7 +167,6 @@ impl Serialize for Packed<'_> {
 }
 
 /// A record as it is read.
-#[expect(clippy::large_enum_variant, reason = "one at a time is written or read, without a heap")]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Record<'a> {
     /// The begin of a flight.
