@@ -72,7 +72,7 @@ fn worlds(flights: u64, trap_folder: &str, barn_folder: &str) -> Result<(), Box<
     }
     for scene in &SCENES {
         let world = |seed| Ok(World { scenario: scene.scenario(seed)?, seed, shortest_m: None });
-        kinds.push((scene.name, seeds::test(flights.div_ceil(2)).map(world).collect::<Result<_, InputError>>()?));
+        kinds.push((scene.name, seeds::test(flights.div_ceil(4)).map(world).collect::<Result<_, InputError>>()?));
     }
     for (kind, worlds) in kinds {
         for World { scenario, seed, shortest_m } in worlds {

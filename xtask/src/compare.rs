@@ -6,18 +6,15 @@
 
 use std::fmt::Write as _;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::build::{answer, built, cargo, workspace};
 use crate::{Failure, study};
-
-/// Name of a setting, the worlds that it has, and what is put over their scenarios.
-type Setting = (&'static str, &'static str, &'static str);
 
 const DRAWN: &str = r#"{"vehicle":{"model":"arducopter"}}"#;
 const POINT: &str = r#"{"sensor":{"model":"scan"},"bearing":{"snr_db":20}}"#;
@@ -27,15 +24,12 @@ const PX4: &str =
 const ALL_ROUND: &str = r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":4},"bearing":{"snr_db":20},
     "vehicle":{"model":"arducopter"}}"#;
 const OUTLIERS: &str = r#"{"sensor":{"model":"scan"},"vehicle":{"model":"arducopter"},
-    "bearing":{"model":"noise","sigma_deg":5,"outlier":{"rate":0.4,"anywhere":true}}}"#;
-const SIGMA_10: &str =
-    r#"{"sensor":{"model":"scan"},"vehicle":{"model":"arducopter"},"bearing":{"model":"noise","sigma_deg":10}}"#;
-const SIGMA_20: &str =
-    r#"{"sensor":{"model":"scan"},"vehicle":{"model":"arducopter"},"bearing":{"model":"noise","sigma_deg":20}}"#;
+    "bearing":{"sigma_deg":5,"outlier":{"rate":0.4,"anywhere":true}}}"#;
+const SIGMA_10: &str = r#"{"sensor":{"model":"scan"},"vehicle":{"model":"arducopter"},"bearing":{"sigma_deg":10}}"#;
+const SIGMA_20: &str = r#"{"sensor":{"model":"scan"},"vehicle":{"model":"arducopter"},"bearing":{"sigma_deg":20}}"#;
 
-/// Scan, 90 deg and 3 m, and waveforms at 20 dB, unless the name says otherwise; "drawn": circles, and bearings with the noise of the
-/// scenario.
-const SETTINGS: [Setting; 26] = [
+/// Name of a setting, its worlds, and what is put over their scenarios.
+const SETTINGS: [(&str, &str, &str); 25] = [
     ("forests, point mass", "forest", POINT),
     ("forests, ArduCopter", "forest", ARDUCOPTER),
     ("forests, PX4", "forest", PX4),
@@ -55,9 +49,8 @@ const SETTINGS: [Setting; 26] = [
     ("forests, ArduCopter, scan, 40 % of the bearings from anywhere", "forest", OUTLIERS),
     ("forests, ArduCopter, scan, bearings with sigma 10 deg", "forest", SIGMA_10),
     ("forests, ArduCopter, scan, bearings with sigma 20 deg", "forest", SIGMA_20),
-    ("turning antenna, as its scenario", "turning_antenna", "{}"),
-    ("turning antenna, scan and waveforms, ArduCopter", "turning_antenna", ARDUCOPTER),
-    ("two channels die, as its scenario", "two_channels_die", "{}"),
+    ("turning antenna, point mass", "turning_antenna", "{}"),
+    ("turning antenna, ArduCopter", "turning_antenna", ARDUCOPTER),
     ("two channels die, ArduCopter", "two_channels_die", ARDUCOPTER),
     ("landings: camera, calm", "camera, calm", "{}"),
     ("landings: camera, gusts of 3 m/s", "camera, gusts of 3 m/s", "{}"),
@@ -70,32 +63,18 @@ const EXPERIMENTS: [(&str, &[&str], &str); 3] = [
     ("multipath", &["reached", "collisions", "mean_length_m", "mean_time_s"], "with,"),
     ("mmwave", &["success_rate", "mean_length_m"], "belief,"),
 ];
-const NAMES: [&str; 6] = ["label", "kind", "chain", "agent", "sigma_rad", "link_error_rate"];
+const NAMES: [&str; 7] = ["way", "label", "kind", "chain", "agent", "sigma_rad", "link_error_rate"];
 
-/// A world from `study worlds`.
-struct World {
-    kind: String,
-    seed: u64,
-    shortest_m: Option<f64>,
-    scenario: Value,
-}
-
-/// How a flight ended.
-#[derive(Clone, Copy)]
-struct Flight {
-    has_reached: bool,
-    has_collided: bool,
-    length_ratio: f64,
-    time_s: f64,
-}
+/// What is compared, and on which side of zero the difference is worse.
+const NUMBERS: [(&str, f64); 4] = [("reached", -1.0), ("collisions", 1.0), ("length", 1.0), ("time", 1.0)];
+/// A flight's [`NUMBERS`]: 1 or 0, 1 or 0, ratio, seconds.
+type Flight = [f64; 4];
 
 /// Flies everything with both, and writes the page; without `new`, that of this tree. `commit` is what the page calls the old one.
 pub(crate) fn run(old: &Path, new: Option<&Path>, commit: &str, flights: u32) -> Result<(), Failure> {
     let new = match new {
         Some(program) => program.to_owned(),
-        None => {
-            built(cargo().args(["build", "--release", "--package", "foxhound-sim", "--bin", "foxhound"]), "foxhound")?
-        }
+        None => built(cargo().args(["build", "--release", "-p", "foxhound-sim", "--bin", "foxhound"]), "foxhound")?,
     };
     let programs = [old, &new];
     let worlds = worlds(flights)?;
@@ -113,26 +92,28 @@ pub(crate) fn run(old: &Path, new: Option<&Path>, commit: &str, flights: u32) ->
          |---|---|---|---|---|---|---|---|---|---|---|---|\n",
         answer(Command::new("git").current_dir(workspace()).args(["rev-parse", "--short", "HEAD"]))?.trim(),
     );
-    let mut refused = String::new();
+    let (mut refused, mut all) = (String::new(), Vec::new());
     for (name, kind, with) in SETTINGS {
         let over: Value = serde_json::from_str(with).map_err(|error| Failure(format!("{name}: {error}")))?;
-        let of_kind: Vec<&World> = worlds.iter().filter(|world| world.kind == kind).collect();
+        let of_kind: Vec<&Value> = worlds.iter().filter(|world| world["kind"] == kind).collect();
         if of_kind.is_empty() {
-            let _ = writeln!(refused, "- {name}: its worlds are not on this machine.");
+            refused.push_str(&format!("- {name}: the worlds are not on this machine\n"));
             continue;
         }
         match pairs(programs, &of_kind, &over) {
-            Ok(pairs) => text.push_str(&row(name, &pairs)),
-            Err(Failure(why)) => {
-                let _ = writeln!(refused, "- {name}: {why}");
+            Ok(pairs) => {
+                text.push_str(&row(name, &pairs));
+                all.extend(pairs);
             }
+            Err(Failure(why)) => refused.push_str(&format!("- {name}: {why}\n")),
         }
         eprintln!("compare: {name}: {}", text.lines().last().unwrap_or_default());
     }
+    text.push_str(&row("all", &all));
     text.push_str("\n## The papers' experiments\n\n| experiment | number | old | new |\n|---|---|---|---|\n");
     for (experiment, keys, part) in EXPERIMENTS {
         eprintln!("compare: reproduce {experiment}");
-        let [old, new] = [reproduce(old, experiment, keys)?, reproduce(&new, experiment, keys)?];
+        let [old, new] = [reproduce(old, experiment, keys, flights)?, reproduce(&new, experiment, keys, flights)?];
         for (name, value) in new.iter().filter(|(name, _)| name.contains(part)) {
             let before = old.iter().find(|(one, _)| one == name);
             let before = before.map_or("-".to_owned(), |(_, value)| format!("{value:.3}"));
@@ -146,36 +127,27 @@ pub(crate) fn run(old: &Path, new: Option<&Path>, commit: &str, flights: u32) ->
     fs::write(&page, text).map_err(|error| Failure(format!("{page}: {error}")))
 }
 
-/// The worlds of all kinds.
-fn worlds(flights: u32) -> Result<Vec<World>, Failure> {
+/// The worlds of all kinds: kind, seed, `shortest_m`, scenario.
+fn worlds(flights: u32) -> Result<Vec<Value>, Failure> {
     let mut cargo = cargo();
     cargo.args(["run", "--release", "--quiet", "--package", "foxhound-sim", "--example", "study", "--", "worlds"]);
     cargo.arg(flights.to_string()).args([study::path("tests/traps"), study::path(study::BARN)]);
-    let output = output(cargo.stderr(Stdio::inherit()))?;
-    let mut worlds = Vec::new();
-    for line in output.lines() {
-        let value: Value = serde_json::from_str(line).map_err(|error| Failure(format!("study worlds: {error}")))?;
-        worlds.push(World {
-            kind: value["kind"].as_str().unwrap_or_default().to_owned(),
-            seed: value["seed"].as_u64().unwrap_or_default(),
-            shortest_m: value["shortest_m"].as_f64(),
-            scenario: value["scenario"].clone(),
-        });
-    }
-    let seeds: Vec<u64> = worlds.iter().filter(|world| world.kind == "pillars").map(|world| world.seed).collect();
+    let refused = |error| Failure(format!("study worlds: {error}"));
+    let lines = output(cargo.stderr(Stdio::inherit()))?;
+    let mut worlds = lines.lines().map(serde_json::from_str).collect::<Result<Vec<Value>, _>>().map_err(refused)?;
+    let seeds: Vec<Value> =
+        worlds.iter().filter(|one| one["kind"] == "pillars").map(|one| one["seed"].clone()).collect();
     for kind in ["turning_antenna", "two_channels_die"] {
         let file = study::path(&format!("tests/scenarios/{kind}.json"));
-        let read = fs::read_to_string(&file).map_err(|error| Failure(format!("{file}: {error}")))?;
-        let scenario: Value = serde_json::from_str(&read).map_err(|error| Failure(format!("{file}: {error}")))?;
-        let world =
-            |seed: &u64| World { kind: kind.to_owned(), seed: *seed, shortest_m: None, scenario: scenario.clone() };
-        worlds.extend(seeds.iter().map(world));
+        let text = fs::read_to_string(&file).map_err(|error| Failure(format!("{file}: {error}")))?;
+        let scenario: Value = serde_json::from_str(&text).map_err(|error| Failure(format!("{file}: {error}")))?;
+        worlds.extend(seeds.iter().map(|seed| json!({"kind": kind, "seed": seed, "scenario": scenario})));
     }
     Ok(worlds)
 }
 
 /// The flights through these worlds, by the old program and by the new one, on all processors.
-fn pairs(programs: [&Path; 2], worlds: &[&World], over: &Value) -> Result<Vec<[Flight; 2]>, Failure> {
+fn pairs(programs: [&Path; 2], worlds: &[&Value], over: &Value) -> Result<Vec<[Flight; 2]>, Failure> {
     let next = AtomicUsize::new(0);
     let work = || {
         let mut flown = Vec::new();
@@ -195,30 +167,27 @@ fn pairs(programs: [&Path; 2], worlds: &[&World], over: &Value) -> Result<Vec<[F
     })
 }
 
-fn pair(programs: [&Path; 2], world: &World, over: &Value) -> Result<[Flight; 2], Failure> {
-    let mut scenario = world.scenario.clone();
+fn pair(programs: [&Path; 2], world: &Value, over: &Value) -> Result<[Flight; 2], Failure> {
+    let mut scenario = world["scenario"].clone();
     for (key, value) in over.as_object().into_iter().flatten() {
         for (inner, value) in value.as_object().into_iter().flatten() {
             scenario[key][inner] = value.clone();
         }
     }
     let folder = workspace().join("target/compare");
-    let file: PathBuf = folder.join(format!("{:?}.json", thread::current().id()));
+    let file = folder.join(format!("{:?}.json", thread::current().id()));
     let written = fs::create_dir_all(&folder).and_then(|()| fs::write(&file, scenario.to_string()));
     written.map_err(|error| Failure(format!("{}: {error}", file.display())))?;
     let [old, new] = [("old", programs[0]), ("new", programs[1])].map(|(which, program)| {
         let mut command = Command::new(program);
-        command.args(["fly", "--json", "--quiet", "--seed", &world.seed.to_string(), "--scenario"]).arg(&file);
+        command.args(["fly", "--json", "--quiet", "--seed", &world["seed"].to_string(), "--scenario"]).arg(&file);
         let report: Value = serde_json::from_str(&output(&mut command)?)
             .map_err(|error| Failure(format!("the {which} program: {error}")))?;
         let number = |name: &str| report[name].as_f64().unwrap_or(f64::NAN);
-        let length_m = number("path_length_m") + number("to_beacon_m");
-        Ok(Flight {
-            has_reached: report["result"] == "reached",
-            has_collided: report["result"] == "collision",
-            length_ratio: length_m / world.shortest_m.unwrap_or(number("straight_line_m")),
-            time_s: number("time_s"),
-        })
+        let ended = |how: &str| f64::from(u8::from(report["result"] == how));
+        let shortest_m = world["shortest_m"].as_f64().unwrap_or(number("straight_line_m"));
+        let length_ratio = (number("path_length_m") + number("to_beacon_m")) / shortest_m;
+        Ok([ended("reached"), ended("collision"), length_ratio, number("time_s")])
     });
     Ok([old?, new?])
 }
@@ -228,53 +197,39 @@ fn output(command: &mut Command) -> Result<String, Failure> {
     let name = command.get_program().to_string_lossy().into_owned();
     let output = command.output().map_err(|error| Failure(format!("{name} cannot be started: {error}")))?;
     if output.stdout.is_empty() {
-        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
-        return Err(Failure(format!("{name}: {}", errors.lines().next().unwrap_or("no output"))));
+        return Err(Failure(String::from_utf8_lossy(&output.stderr).lines().next().unwrap_or("no output").to_owned()));
     }
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
 /// The row of a setting.
 fn row(name: &str, pairs: &[[Flight; 2]]) -> String {
-    let number = |has: bool| f64::from(u8::from(has));
-    let both: Vec<&[Flight; 2]> =
-        pairs.iter().filter(|pair| pair.iter().all(|one| one.has_reached && one.length_ratio.is_finite())).collect();
-    let difference = |of: &dyn Fn(&Flight) -> f64, pairs: &[&[Flight; 2]]| {
-        mean(&pairs.iter().map(|[old, new]| of(new) - of(old)).collect::<Vec<_>>())
-    };
-    let all: Vec<&[Flight; 2]> = pairs.iter().collect();
-    let length = difference(&|one| one.length_ratio, &both);
-    let worse: Vec<&str> = [
-        ("reached", difference(&|one| -number(one.has_reached), &all)),
-        ("collisions", difference(&|one| number(one.has_collided), &all)),
-        ("length", length),
-        ("time", difference(&|one| one.time_s, &both)),
-    ]
-    .into_iter()
-    .filter_map(|(what, (mean, half))| (mean - half > 0.0).then_some(what))
-    .collect();
-
+    let has_both = |pair: &&[Flight; 2]| pair.iter().all(|flight| flight[0] > 0.0 && flight[2].is_finite());
+    let both: Vec<[Flight; 2]> = pairs.iter().filter(has_both).copied().collect();
     let mut text = format!("| {name} | {} |", pairs.len());
-    for has in [|one: &Flight| one.has_reached, |one: &Flight| one.has_collided] {
+    let mut worse = Vec::new();
+    for (k, (what, sign)) in NUMBERS.into_iter().enumerate() {
+        let of = if k < 2 { pairs } else { &both };
         for side in 0..2 {
-            let count = pairs.iter().filter(|pair| has(&pair[side])).count() as f64;
-            let [low, high] = wilson(count, pairs.len() as f64).map(|share| 100.0 * share);
-            let _ = write!(text, " {:.1} ({low:.1} to {high:.1}) |", 100.0 * count / pairs.len() as f64);
+            let values: Vec<f64> = of.iter().map(|pair| pair[side][k]).collect();
+            let (mean, half) = mean(&values);
+            let [low, high] = wilson(values.iter().sum(), values.len() as f64).map(|share| 100.0 * share);
+            text += &match k {
+                0 | 1 => format!(" {:.1} ({low:.1} to {high:.1}) |", 100.0 * mean),
+                2 => format!(" {mean:.3} ± {half:.3} |"),
+                _ => format!(" {mean:.1} ± {half:.1} |"),
+            };
+        }
+        let (mean, half) = mean(&of.iter().map(|[old, new]| new[k] - old[k]).collect::<Vec<_>>());
+        if k == 2 {
+            text += &format!(" {mean:+.4} ± {half:.4} |");
+        }
+        if sign * mean - half > 0.0 {
+            worse.push(what);
         }
     }
-    let means = |of: &dyn Fn(&Flight) -> f64| {
-        [0, 1].map(|side| mean(&both.iter().map(|pair| of(&pair[side])).collect::<Vec<_>>()))
-    };
-    for (mean, half) in means(&|one| one.length_ratio) {
-        let _ = write!(text, " {mean:.3} ± {half:.3} |");
-    }
-    let _ = write!(text, " {:+.4} ± {:.4} |", length.0, length.1);
-    for (mean, half) in means(&|one| one.time_s) {
-        let _ = write!(text, " {mean:.1} ± {half:.1} |");
-    }
     let worse = if worse.is_empty() { String::new() } else { format!("worse: {} ", worse.join(", ")) };
-    let _ = writeln!(text, " {worse}|");
-    text
+    format!("{text} {worse}|\n")
 }
 
 /// Mean, and half of its 95 % interval; nothing finite without values.
@@ -294,12 +249,14 @@ fn wilson(count: f64, n: f64) -> [f64; 2] {
 }
 
 /// The numbers of an experiment, by their names.
-fn reproduce(program: &Path, experiment: &str, keys: &[&str]) -> Result<Vec<(String, f64)>, Failure> {
+fn reproduce(program: &Path, experiment: &str, keys: &[&str], flights: u32) -> Result<Vec<(String, f64)>, Failure> {
     let mut command = Command::new(program);
-    let text = output(command.args(["reproduce", experiment, "--json", "--quiet"]))?;
-    let value: Value = serde_json::from_str(&text).map_err(|error| Failure(format!("{experiment}: {error}")))?;
+    command.args(["reproduce", experiment, "--json", "--quiet"]);
+    // The others have as many as they always have.
+    command.args(["--scenarios", &flights.min(200).to_string()].iter().filter(|_| experiment == "mmwave"));
+    let refused = |error| Failure(format!("{experiment}: {error}"));
     let mut found = Vec::new();
-    numbers(&value, "", keys, &mut found);
+    numbers(&serde_json::from_str(&output(&mut command)?).map_err(refused)?, "", keys, &mut found);
     Ok(found)
 }
 
@@ -317,9 +274,24 @@ fn numbers(value: &Value, within: &str, keys: &[&str], found: &mut Vec<(String, 
         if let Some(number) = value.as_f64().filter(|_| keys.contains(&key.as_str())) {
             found.push((format!("{within}{key}"), number));
         } else if !["paper", "classes"].contains(&key.as_str()) {
-            let part =
-                if key == "straight" || key == "planned" { format!("{within}{key} leg, ") } else { within.clone() };
-            numbers(value, &part, keys, found);
+            numbers(value, &within, keys, found);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn intervals_are_those_of_textbooks_and_a_difference_counts_only_outside_its_own() {
+        // 81 of 263 (Newcombe, "Two-sided confidence intervals for the single proportion", 1998), 0 of 20.
+        let close = |[a, b]: [f64; 2], [c, d]: [f64; 2]| (a - c).abs() < 1e-4 && (b - d).abs() < 1e-4;
+        assert!(close(wilson(81.0, 263.0), [0.2553, 0.3662]) && close(wilson(0.0, 20.0), [0.0, 0.1611]));
+        assert_eq!(mean(&[1.0, 3.0]), (2.0, 1.96));
+
+        let pairs = |longer: [f64; 4]| longer.map(|by| [[1.0, 0.0, 1.0, 9.0], [1.0, 0.0, 1.0 + by, 9.0]]);
+        assert!(row("", &pairs([0.1, 0.2, 0.1, 0.2])).ends_with("| worse: length |\n"));
+        assert!(row("", &pairs([0.1, -0.2, 0.1, -0.2])).ends_with(" 9.0 ± 0.0 | |\n"));
     }
 }

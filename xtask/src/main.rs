@@ -147,8 +147,8 @@ enum Task {
         /// What the page calls the other build
         #[arg(long, default_value = "another build")]
         commit: String,
-        /// About how many flights in each setting; of landings half as many
-        #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(2..=100_000))]
+        /// About how many flights in each setting; of landings a quarter as many
+        #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u32).range(2..=100_000))]
         flights: u32,
     },
     /// Fly the image of the NUCLEO-G474RE in an instruction emulator, beside the desktop and QEMU
