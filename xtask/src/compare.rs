@@ -63,7 +63,7 @@ const EXPERIMENTS: [(&str, &[&str], &str); 3] = [
     ("multipath", &["reached", "collisions", "mean_length_m", "mean_time_s"], "with,"),
     ("mmwave", &["success_rate", "mean_length_m"], "belief,"),
 ];
-const NAMES: [&str; 7] = ["way", "label", "kind", "chain", "agent", "sigma_rad", "link_error_rate"];
+const NAMES: [&str; 7] = ["way", "name", "kind", "chain", "agent", "sigma_rad", "link_error_rate"];
 
 /// What is compared, and on which side of zero the difference is worse.
 const NUMBERS: [(&str, f64); 4] = [("reached", -1.0), ("collisions", 1.0), ("length", 1.0), ("time", 1.0)];
@@ -87,7 +87,7 @@ pub(crate) fn run(old: &Path, new: Option<&Path>, commit: &str, flights: u32) ->
          is the path, with what was left to the beacon, over the shortest path where it is known, otherwise over the straight line; length\n\
          and time are means over the flights that reached the beacon with both, each with its 95 % interval. The last column\n\
          names what is worse: the 95 % interval of the mean difference, flight by flight, lies wholly on the worse side.\n\
-         By chance alone that is so for one number in 40.\n\n\
+         By chance alone that is so for one number in 40. Some of the traps have no way to the beacon.\n\n\
          | setting | flights | reached, old | new | collisions, old | new | length, old | new | new - old | time, s, old | new | |\n\
          |---|---|---|---|---|---|---|---|---|---|---|---|\n",
         answer(Command::new("git").current_dir(workspace()).args(["rev-parse", "--short", "HEAD"]))?.trim(),
@@ -110,7 +110,7 @@ pub(crate) fn run(old: &Path, new: Option<&Path>, commit: &str, flights: u32) ->
         eprintln!("compare: {name}: {}", text.lines().last().unwrap_or_default());
     }
     text.push_str(&row("all", &all));
-    text.push_str("\n## The papers' experiments\n\n| experiment | number | old | new |\n|---|---|---|---|\n");
+    text.push_str("\n## The papers' experiments\n\nOne run each, without intervals.\n\n| experiment | number | old | new |\n|---|---|---|---|\n");
     for (experiment, keys, part) in EXPERIMENTS {
         eprintln!("compare: reproduce {experiment}");
         let [old, new] = [reproduce(old, experiment, keys, flights)?, reproduce(&new, experiment, keys, flights)?];
