@@ -1,4 +1,4 @@
-//! Developer commands: `cargo xtask <test | fresh | firmware | dist | api | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | g474 | soak | gusts | campaign | landings>`.
+//! Developer commands: `cargo xtask <test | fresh | firmware | dist | api | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | g474 | soak | gusts | campaign | compare | landings>`.
 //!
 //! Of the firmware the host builds what needs no hardware; these commands build it
 //! for its own target.
@@ -7,6 +7,7 @@ mod api;
 mod bench;
 mod board;
 mod build;
+mod compare;
 mod dist;
 mod fresh;
 mod g474;
@@ -136,6 +137,20 @@ enum Task {
         #[arg(long)]
         only: Option<String>,
     },
+    /// Fly the same held-out flights with another build of `foxhound` and with this tree's: docs/results/compare.md
+    Compare {
+        /// The other build
+        old: PathBuf,
+        /// Instead of this tree's
+        #[arg(long)]
+        new: Option<PathBuf>,
+        /// What the page calls the other build
+        #[arg(long, default_value = "another build")]
+        commit: String,
+        /// About how many flights in each setting; of landings a quarter as many
+        #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u32).range(2..=100_000))]
+        flights: u32,
+    },
     /// Fly the image of the NUCLEO-G474RE in an instruction emulator, beside the desktop and QEMU
     G474 {
         /// How many missions
@@ -244,6 +259,7 @@ fn run(task: &Task) -> Result<(), Failure> {
         Task::Gusts { flights, development } => study::write("gusts", *flights, "gusts", *development),
         Task::Landings { flights, development } => study::write("landings", *flights, "landings", *development),
         Task::Campaign { times, only } => study::matrix(*times, only.as_deref()),
+        Task::Compare { old, new, commit, flights } => compare::run(old, new.as_deref(), commit, *flights),
         Task::G474 { seeds } => g474::run(*seeds),
     }
 }

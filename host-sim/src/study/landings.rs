@@ -52,14 +52,28 @@ impl Scene {
         Self { parts: [self.parts[0], bearing, vehicle], ..self }
     }
 
-    /// Its scenario.
-    fn scenario(&self) -> String {
+    /// Its scenario, without what the seed places.
+    fn text(&self) -> String {
         let [landing, bearing, vehicle] = self.parts;
         let wind = if self.is_gusty { r#""wind":{"vx":3,"gust_mps":1},"# } else { "" };
         format!(
             r#"{{"landing":{landing},"bearing":{bearing},"vehicle":{vehicle},{wind}"random":{{"count":12,"clear":1.2}},
             "sensor":{{"model":"scan"}},"goal_tolerance":1.5,"max_time_s":300}}"#
         )
+    }
+
+    /// The world of a seed.
+    ///
+    /// # Errors
+    /// The scenario is refused, or its pillars do not fit.
+    pub fn scenario(&self, seed: u64) -> Result<Scenario, InputError> {
+        let mut scenario = Scenario::parse(&self.text())?;
+        if let Some(landing) = &mut scenario.landing {
+            // All round the beacon, by the golden angle, and evenly over the disc.
+            let (turn, part) = (seed as f64 * 2.399_963, libm::sqrt((seed as f64 * 0.618_034) % 1.0));
+            landing.pad = [PAD_M * part * libm::cos(turn), PAD_M * part * libm::sin(turn)];
+        }
+        scenario.drawn(seed)
     }
 }
 
@@ -106,14 +120,7 @@ pub struct Row {
 /// # Errors
 /// The scenario is refused, or the flight cannot be flown.
 pub fn fly(scene: &Scene, seed: u64, tune: impl Fn(&mut guidance::Config)) -> Result<Report, InputError> {
-    let mut scenario = Scenario::parse(&scene.scenario())?;
-    if let Some(landing) = &mut scenario.landing {
-        // All round the beacon, by the golden angle, and evenly over the disc.
-        let (turn, part) = (seed as f64 * 2.399_963, libm::sqrt((seed as f64 * 0.618_034) % 1.0));
-        landing.pad = [PAD_M * part * libm::cos(turn), PAD_M * part * libm::sin(turn)];
-    }
-    let scenario = scenario.drawn(seed)?;
-    flight::report(scenario, seed, tune)
+    flight::report(scene.scenario(seed)?, seed, tune)
 }
 
 /// The flights with these seeds.
