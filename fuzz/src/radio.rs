@@ -84,7 +84,10 @@ pub fn radio(case: &[u8]) -> Reached {
         }
         if let Some(bearing) = radio.bearing() {
             assert!(reached.settled > before, "a bearing without an angle");
-            assert!(bearing.azimuth_rad.abs() <= core::f32::consts::PI + 1e-4 && bearing.time == Instant(1), "{bearing:?}");
+            assert!(
+                bearing.azimuth_rad.abs() <= core::f32::consts::PI + 1e-4 && bearing.time == Instant(1),
+                "{bearing:?}"
+            );
             radio.take();
         }
     }
