@@ -283,6 +283,22 @@ fn every_file_of_ours_that_a_page_names_is_there() {
     assert!(checked > 60, "only {checked} names found");
 }
 
+/// The manual explains every parameter of the files that set up an autopilot.
+#[test]
+fn every_parameter_of_the_autopilots_files_is_explained() {
+    let page = read(Path::new("docs/hardware/autopilot.md"));
+    let explained: BTreeSet<&str> = page.split('`').skip(1).step_by(2).collect();
+    let mut checked = 0;
+    for (file, column) in [("examples/ardupilot.parm", 0), ("examples/px4.params", 2)] {
+        for line in read(Path::new(file)).lines().filter(|line| !line.is_empty() && !line.starts_with('#')) {
+            let name = line.split_whitespace().nth(column).unwrap();
+            assert!(explained.contains(name), "{file}: docs/hardware/autopilot.md does not explain {name}");
+            checked += 1;
+        }
+    }
+    assert!(checked > 20, "only {checked} parameters found");
+}
+
 /// Every benchmark row that the documentation of a module names is in `docs/results/bench.md`, and so is every number of
 /// instructions in the README.
 #[test]

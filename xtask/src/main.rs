@@ -1,4 +1,4 @@
-//! Developer commands: `cargo xtask <test | fresh | firmware | dist | api | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | g474 | soak | gusts | campaign | compare | landings>`.
+//! Developer commands: `cargo xtask <test | fresh | firmware | dist | api | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | g474 | soak | gusts | campaign | compare | landings | sitl>`.
 //!
 //! Of the firmware the host builds what needs no hardware; these commands build it
 //! for its own target.
@@ -14,6 +14,7 @@ mod g474;
 mod left;
 mod panics;
 mod parity;
+mod sitl;
 mod size;
 mod stack;
 mod study;
@@ -166,6 +167,8 @@ enum Task {
         #[arg(long)]
         development: bool,
     },
+    /// Fly beside `ArduCopter` and PX4 in their own simulators, in real time, with faults: docs/sitl.md
+    Sitl(sitl::Campaign),
 }
 
 #[derive(Subcommand)]
@@ -260,6 +263,7 @@ fn run(task: &Task) -> Result<(), Failure> {
         Task::Landings { flights, development } => study::write("landings", *flights, "landings", *development),
         Task::Campaign { times, only } => study::matrix(*times, only.as_deref()),
         Task::Compare { old, new, commit, flights } => compare::run(old, new.as_deref(), commit, *flights),
+        Task::Sitl(campaign) => sitl::run(campaign),
         Task::G474 { seeds } => g474::run(*seeds),
     }
 }

@@ -8,9 +8,10 @@ use crate::board;
 use crate::build::{Image, TARGET, cargo, install_target, workspace};
 use crate::{FLASH_BYTES, Failure, RAM_BYTES, attend};
 
+const PYMAVLINK: &str = "pymavlink==2.4.50";
 /// The other programs that read our messages, at the versions that the tests were written against.
 const PEERS: [&str; 17] = [
-    "pymavlink==2.4.50",
+    PYMAVLINK,
     "mavsdk==4.1.0",
     "pyserial==3.5",
     // Executes the image of the NUCLEO-G474RE: tests/g474.
@@ -246,28 +247,48 @@ fn install_peers() -> Result<PathBuf, Failure> {
         println!("installing chromium (apt)");
         apt("chromium")?;
     }
-    let folder = workspace().join("target/venv");
-    let python = folder.join("bin/python");
+    let python = venv().join("bin/python");
     let has_peers = |python: &Path| {
         let check = Command::new(python).args(["-c", CHECK]).args(PEERS).args([ROUTER, AUDITOR]).output();
         check.is_ok_and(|output| output.status.success())
     };
     if !has_peers(&python) {
-        println!("installing {} {ROUTER} {AUDITOR} (pip) into {}", PEERS.join(" "), folder.display());
-        if attend(Command::new("python3").args(["-m", "venv"]).arg(&folder)).is_err() {
-            println!("installing python3-venv (apt)");
-            apt("python3-venv")?;
-            attend(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&folder))?;
-        }
-        let pip = || {
-            let mut pip = Command::new(&python);
-            pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
-            pip
-        };
-        attend(pip().args(PEERS).arg(AUDITOR))?;
-        attend(pip().args(["--no-deps", ROUTER]))?;
+        println!("installing {} {ROUTER} {AUDITOR} (pip) into {}", PEERS.join(" "), venv().display());
+        make_venv()?;
+        attend(pip(&python).args(PEERS).arg(AUDITOR))?;
+        attend(pip(&python).args(["--no-deps", ROUTER]))?;
     }
     if has_peers(&python) { Ok(python) } else { Err(Failure("a MAVLink peer does not load".to_owned())) }
+}
+
+fn venv() -> PathBuf {
+    workspace().join("target/venv")
+}
+
+fn make_venv() -> Result<(), Failure> {
+    if attend(Command::new("python3").args(["-m", "venv"]).arg(venv())).is_err() {
+        println!("installing python3-venv (apt)");
+        apt("python3-venv")?;
+        attend(Command::new("python3").args(["-m", "venv", "--clear"]).arg(venv()))?;
+    }
+    Ok(())
+}
+
+fn pip(python: &Path) -> Command {
+    let mut pip = Command::new(python);
+    pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
+    pip
+}
+
+/// The peers' Python with pymavlink, which alone is installed where it is missing.
+pub(crate) fn python_with_pymavlink() -> Result<PathBuf, Failure> {
+    let python = venv().join("bin/python");
+    if !runs(&python.to_string_lossy(), "-mpymavlink.dialects.v20.ardupilotmega") {
+        println!("installing {PYMAVLINK} (pip) into {}", venv().display());
+        make_venv()?;
+        attend(pip(&python).arg(PYMAVLINK))?;
+    }
+    Ok(python)
 }
 
 /// Builds the package of `python` as `pip install ./python` does, with the maturin beside the peers' Python, and installs it there.
