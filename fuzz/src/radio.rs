@@ -14,7 +14,11 @@ pub fn radio(case: &[u8]) -> Reached {
     let (mut reports, mut lines) = (hci::Reader::new(), uudf::Reader::default());
     let mut is_clean = true;
     let tag = if draw.flag() { 0 } else { draw.word() & 0xFF_FFFF };
-    let mut radio = Radio::new(Mount { yaw_rad: draw.field(0.0, -3.1, 3.1), tag, ..Mount::default() });
+    let mount = Mount { yaw_rad: draw.field(0.0, -3.1, 3.1), tag, ..Mount::default() };
+    if mount.check().is_err() {
+        return Reached::default();
+    }
+    let mut radio = Radio::new(mount);
     while !draw.rest.is_empty() {
         let count = match draw.below(8) {
             0 => draw.byte(),
