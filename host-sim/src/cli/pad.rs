@@ -164,9 +164,10 @@ fn train(cli: &Cli, folder: Option<&Path>) -> Result<ExitCode, InputError> {
     let out = cli.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("out")));
     let grounds = folder.map(read_grounds).transpose()?.map(|[grounds, _]| grounds);
     let progress = cli.spinner("training");
+    let [first, _] = &WEIGHTS;
     let trained = study::Lessons::draw(grounds.as_ref()).and_then(|lessons| {
-        let weights = lessons.train(grounds.is_some().then_some(&WEIGHTS), cli.seed);
-        let reports = [("flown", study::Report::of(&WEIGHTS)?), ("trained", study::Report::of(&weights)?)];
+        let weights = lessons.train(grounds.is_some().then_some(first), cli.seed);
+        let reports = [("flown", study::Report::of(&WEIGHTS)?), ("trained", study::Report::of(&[weights.clone()])?)];
         Ok((weights, reports))
     });
     progress.finish_and_clear();

@@ -120,7 +120,12 @@ impl Tally {
 ///
 /// # Errors
 /// None in practice: the detector's own configuration.
-pub fn examine(weights: &Weights, recipe: &Recipe, seeds: Range<u64>, inside: [f32; 2]) -> Result<Tally, ConfigError> {
+pub fn examine(
+    weights: &[Weights],
+    recipe: &Recipe,
+    seeds: Range<u64>,
+    inside: [f32; 2],
+) -> Result<Tally, ConfigError> {
     let (camera, detector) = (Camera::default(), Config::default().build()?);
     let wanted = |truth: &Truth| {
         truth.width_px >= WIDE_PX && truth.hidden <= HIDDEN && (inside[0]..=inside[1]).contains(&truth.inside)
@@ -130,7 +135,7 @@ pub fn examine(weights: &Weights, recipe: &Recipe, seeds: Range<u64>, inside: [f
         if recipe.has_pad && !shot.truth.as_ref().is_some_and(wanted) {
             return Tally::default();
         }
-        let seen = see(&detector, &shot, |_, candidate| weights.score(&candidate.measures));
+        let seen = see(&detector, &shot, |_, candidate| foxhound_pad::score(weights, &candidate.measures));
         Tally::of(seen, shot.truth.as_ref(), Some(shot.pose.up()))
     };
     // One by one in the order of the seeds, so that the sums are the same on any number of cores.
@@ -168,7 +173,7 @@ impl Report {
     ///
     /// # Errors
     /// See [`examine`].
-    pub fn of(weights: &Weights) -> Result<Self, ConfigError> {
+    pub fn of(weights: &[Weights]) -> Result<Self, ConfigError> {
         let quarter = EXAMINATION.start..EXAMINATION.start + (EXAMINATION.end - EXAMINATION.start) / 4;
         Ok(Self {
             whole: examine(weights, &Recipe::PAD, EXAMINATION, [1.0, 1.0])?,
@@ -285,7 +290,7 @@ impl Lessons {
                 (found, weights)
             })
             .collect();
-        trained.into_iter().max_by_key(|(found, _)| *found).map_or(WEIGHTS, |(_, weights)| weights)
+        trained.into_iter().max_by_key(|(found, _)| *found).map_or_else(base, |(_, weights)| weights)
     }
 
     /// The score that hardly any picture without a pad reaches.
@@ -317,9 +322,15 @@ fn layers_of(weights: &Weights) -> Vec<f64> {
     layers
 }
 
+/// The first network that flies.
+fn base() -> Weights {
+    let [first, _] = WEIGHTS;
+    first
+}
+
 /// A network in the detector's form: the weights of a unit in whole numbers, the largest of them [`LARGEST`].
 fn weights_of(network: &Network) -> Weights {
-    let mut weights = WEIGHTS;
+    let mut weights = base();
     for (scale, from) in weights.scales.iter_mut().zip(&network.scaling) {
         *scale = from.map(three_digits);
     }
@@ -350,7 +361,7 @@ fn three_digits(value: f64) -> f32 {
 pub fn source(weights: &Weights, seed: u64) -> String {
     let mut text = format!(
         "//! The weights of the score, made by `foxhound pad --train --seed {seed}`.\n\n\
-         use super::score::Weights;\n\n/// The weights that fly.\npub const WEIGHTS: Weights = Weights {{\n    scales: [\n"
+         use super::score::Weights;\n\nconst NETWORK: Weights = Weights {{\n    scales: [\n"
     );
     for scale in &weights.scales {
         let _ = writeln!(text, "        {scale:?},");

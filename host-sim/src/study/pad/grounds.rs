@@ -87,9 +87,9 @@ pub fn views(grounds: &Grounds, seed: u64) -> impl Iterator<Item = (&'static str
 ///
 /// # Errors
 /// None in practice: the detector's own configuration.
-pub fn see(weights: &Weights, view: &View) -> Result<Seen, ConfigError> {
+pub fn see(weights: &[Weights], view: &View) -> Result<Seen, ConfigError> {
     let detector = Config::default().build()?;
-    let score = |_, candidate: &Candidate| weights.score(&candidate.measures);
+    let score = |_, candidate: &Candidate| foxhound_pad::score(weights, &candidate.measures);
     Ok(see_in(&detector, &view.frame, view.height_m, score))
 }
 
@@ -97,7 +97,7 @@ pub fn see(weights: &Weights, view: &View) -> Result<Seen, ConfigError> {
 ///
 /// # Errors
 /// See [`see`].
-pub fn measure(grounds: &Grounds, weights: &Weights, seed: u64) -> Result<Vec<Row>, ConfigError> {
+pub fn measure(grounds: &Grounds, weights: &[Weights], seed: u64) -> Result<Vec<Row>, ConfigError> {
     let row = |(name, views): (&'static str, Vec<View>)| {
         let tallies: Result<Vec<Tally>, ConfigError> =
             views.par_iter().map(|view| Ok(Tally::of(see(weights, view)?, view.truth.as_ref(), None))).collect();
