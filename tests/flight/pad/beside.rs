@@ -144,8 +144,8 @@ fn what_opencv_draws_is_seen_as_well_and_hardly_anything_else_is() {
     assert!(100 * found >= 97 * pads && 100 * invented <= others, "{counts:?}");
 }
 
-/// On real grounds too the detector finds more discs than `OpenCV` and reports fewer false ones, but those that have lost
-/// their shape.
+/// On real grounds the detector finds at least as many round discs as `OpenCV` and most that have lost their shape, and reports
+/// fewer false ones.
 #[test]
 fn on_real_grounds_the_detector_invents_less_than_opencv() {
     let folder = root().join("../shared/data/pad");
@@ -187,6 +187,12 @@ fn on_real_grounds_the_detector_invents_less_than_opencv() {
         });
         println!("| {name} | {ours:.2} % | {hough:.2} % | {contour:.2} % |");
         let is_better = |theirs: f64| if views[0].truth.is_some() { ours >= theirs } else { ours < theirs };
+        let least = match name {
+            "5 % off round" => 88.0,
+            "axes of 0.7" => 93.0,
+            _ => 97.0,
+        };
+        assert!(views[0].truth.is_none() || ours >= least, "{name}: {ours}");
         if views[0].truth.is_none() || name.starts_with("round") {
             assert!(is_better(hough) && is_better(contour), "{name}: {ours} {hough} {contour}");
         }
