@@ -167,7 +167,8 @@ fn train(cli: &Cli, folder: Option<&Path>) -> Result<ExitCode, InputError> {
     let [first, _] = &WEIGHTS;
     let trained = study::Lessons::draw(grounds.as_ref()).and_then(|lessons| {
         let weights = lessons.train(grounds.is_some().then_some(first), cli.seed);
-        let reports = [("flown", study::Report::of(&WEIGHTS)?), ("trained", study::Report::of(&[weights.clone()])?)];
+        let reports =
+            [("flown", study::Report::of(&WEIGHTS)?), ("trained", study::Report::of(std::slice::from_ref(&weights))?)];
         Ok((weights, reports))
     });
     progress.finish_and_clear();
