@@ -42,7 +42,7 @@ use foxhound_core::landing::observation::{Bad, Nothing, Pad, PadObservation, See
 use fit::Prior;
 use light::Light;
 use regions::{Mask, Region, Regions, WORDS, most};
-pub use score::{Candidate, MEASURES, UNITS, Weights};
+pub use score::{Candidate, MEASURES, UNITS, Weights, score};
 use score::{Sight, measures};
 pub use weights::WEIGHTS;
 
@@ -309,7 +309,7 @@ impl Detector {
 
     /// Ends the frame and returns the observation.
     pub fn end(&self, state: &mut State) -> PadObservation {
-        self.end_with(state, |candidate| WEIGHTS.score(&candidate.measures))
+        self.end_with(state, |candidate| score::score(&WEIGHTS, &candidate.measures))
     }
 
     /// The same with another score: above 0 means the pad. It is used to train and compare weights.

@@ -55,6 +55,12 @@ impl Weights {
     }
 }
 
+/// The largest score of some networks.
+#[must_use]
+pub fn score(networks: &[Weights], measures: &[f32; MEASURES]) -> f32 {
+    networks.iter().fold(f32::NEG_INFINITY, |most, weights| most.max(weights.score(measures)))
+}
+
 /// Other inputs of the measures beside the fit.
 pub(super) struct Sight {
     /// The expected radius of the pad, or the disc's own.

@@ -1,4 +1,4 @@
-//! `foxhound pad`: runs the pad detector on a picture, or trains its weights.
+//! `foxhound pad`: runs the pad detector on a picture or on many, or trains its weights.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -11,6 +11,7 @@ use foxhound_core::landing::observation::{Pad, Seen};
 use foxhound_pad::{Camera, Config, Format, HEIGHT_MAX, SIDE_MIN, WEIGHTS, WIDTH_MAX};
 use foxhound_sim::scenario::input::{InputError, check_within};
 use foxhound_sim::study::pad as study;
+use foxhound_sim::world::camera::grounds::Grounds;
 use foxhound_sim::world::camera::picture::{Picture, mark};
 use foxhound_sim::world::camera::random::{Recipe, shot};
 use foxhound_sim::world::camera::watch::alone;
@@ -21,14 +22,19 @@ use super::terminal::{GOOD, HALF, say, show, show_as};
 use super::value::number;
 use super::{Cli, json_line, write_text};
 
-const PAD_HELP: &str = "The picture is a PNG, seen by a camera that looks straight down: its top is towards the nose. It is scaled down to --size, \
+const PAD_HELP: &str = "The picture is a PNG or a JPEG, seen by a camera that looks straight down: its top is towards the nose. It is scaled down to --size, \
 by default to 160 columns, and shown to the detector twice, since the detector learns the light from the first. With --height the pad must have \
 the size that it has from there.
+
+With --grounds red discs are drawn by --seed onto parts of every second picture of a folder, in the light of the ground, and the shares found are
+printed: of round discs, of such that lost their shape, and of parts without a disc. With --train weights are trained on the other pictures too, on from
+those that fly.
 
 Examples:
   foxhound pad --image field.png --height 2.5
   foxhound pad --image field.png --size 320x240 --json
   foxhound pad --render --seed 7 --out out    one that is drawn
+  foxhound pad --grounds pictures             1 000 discs of each kind on real grounds
   foxhound pad --train --out out              new weights beside those that fly, into out/weights.rs; minutes
 
 Exit status: 0 the pad is there; 1 it is not; 2 bad usage or input.";
@@ -36,8 +42,8 @@ Exit status: 0 the pad is there; 1 it is not; 2 bad usage or input.";
 #[derive(Args, Debug)]
 #[command(after_help = PAD_HELP)]
 pub(super) struct PadCommand {
-    /// The picture, a PNG file.
-    #[arg(long, value_name = "FILE", required_unless_present_any = ["render", "train"])]
+    /// The picture, a PNG or a JPEG file.
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["render", "train", "grounds"])]
     image: Option<PathBuf>,
     /// Draws a scene with a pad by --seed instead.
     #[arg(long, conflicts_with_all = ["image", "height"])]
@@ -45,6 +51,9 @@ pub(super) struct PadCommand {
     /// Trains new weights by --seed, and compares them with the current ones on drawn pictures new to both.
     #[arg(long, conflicts_with_all = ["image", "render", "height", "size", "grey", "focal", "radius"])]
     train: bool,
+    /// Pictures of the ground from above, at least 160x120, without a pad; discs are drawn onto them.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["image", "render", "height", "size", "grey", "focal", "radius"])]
+    grounds: Option<PathBuf>,
     /// Height of the camera above the pad, in metres.
     #[arg(long, value_name = "M", value_parser = number(HEIGHT_M), allow_negative_numbers = true)]
     height: Option<f64>,
@@ -86,7 +95,10 @@ struct Report {
 
 pub(super) fn pad(cli: &Cli, args: &PadCommand) -> Result<ExitCode, InputError> {
     if args.train {
-        return train(cli);
+        return train(cli, args.grounds.as_deref());
+    }
+    if let Some(folder) = &args.grounds {
+        return examine(cli, folder);
     }
     check_within("--focal", args.focal, &FOCAL)?;
     check_within("--radius", args.radius, &RADIUS_M)?;
@@ -130,11 +142,33 @@ pub(super) fn pad(cli: &Cli, args: &PadCommand) -> Result<ExitCode, InputError> 
     Ok(ExitCode::from(code))
 }
 
-fn train(cli: &Cli) -> Result<ExitCode, InputError> {
-    let folder = cli.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("out")));
+fn read_grounds(folder: &Path) -> Result<[Grounds; 2], InputError> {
+    Grounds::read(folder).map_err(|error| InputError::new(format!("--grounds {error}")))
+}
+
+fn examine(cli: &Cli, folder: &Path) -> Result<ExitCode, InputError> {
+    let [_, grounds] = read_grounds(folder)?;
+    let progress = cli.spinner("looking");
+    let rows = study::grounds::measure(&grounds, &WEIGHTS, cli.seed);
+    progress.finish_and_clear();
+    let rows = rows?;
+    if cli.json {
+        say(&json_line(&rows)?);
+    } else {
+        show(&study::grounds::table(&rows));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn train(cli: &Cli, folder: Option<&Path>) -> Result<ExitCode, InputError> {
+    let out = cli.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("out")));
+    let grounds = folder.map(read_grounds).transpose()?.map(|[grounds, _]| grounds);
     let progress = cli.spinner("training");
-    let trained = study::train(cli.seed).and_then(|weights| {
-        let reports = [("flown", study::Report::of(&WEIGHTS)?), ("trained", study::Report::of(&weights)?)];
+    let [first, _] = &WEIGHTS;
+    let trained = study::Lessons::draw(grounds.as_ref()).and_then(|lessons| {
+        let weights = lessons.train(grounds.is_some().then_some(first), cli.seed);
+        let reports =
+            [("flown", study::Report::of(&WEIGHTS)?), ("trained", study::Report::of(std::slice::from_ref(&weights))?)];
         Ok((weights, reports))
     });
     progress.finish_and_clear();
@@ -144,8 +178,8 @@ fn train(cli: &Cli) -> Result<ExitCode, InputError> {
     } else {
         show(&study::table(&reports));
     }
-    if let Some(folder) = folder {
-        let path = folder.join("weights.rs");
+    if let Some(out) = out {
+        let path = out.join("weights.rs");
         write_text(&path, &study::source(&weights, cli.seed))?;
         cli.note(&format!("written: {}", path.display()));
     }

@@ -18,7 +18,7 @@ use foxhound_core::localize::link_state::weights::WEIGHTS;
 use foxhound_core::localize::link_state::{CLASSES, Classifier, FEATURES, HIDDEN, Weights};
 use rayon::prelude::*;
 
-use super::network::{Network, Recipe, Rows};
+use super::network::{Network, RATE, Recipe, Rows};
 use legs::{Chain, Sample};
 
 /// Seed of the weights in the repository.
@@ -111,7 +111,7 @@ impl Contender {
                 rows.classes.push(sample.class);
             }
         }
-        let recipe = Recipe { hidden: self.hidden, classes: CLASSES, epochs: EPOCHS, decay: DECAY };
+        let recipe = Recipe { hidden: self.hidden, classes: CLASSES, epochs: EPOCHS, decay: DECAY, rate: RATE };
         Network::train(&rows, &recipe, seed)
     }
 

@@ -5,8 +5,8 @@ use crate::world::random::Random;
 
 /// Samples of a step.
 const BATCH: usize = 128;
-/// Step length, at first; it falls to a hundredth.
-const RATE: f64 = 4e-3;
+/// Step length from random weights on.
+pub(super) const RATE: f64 = 4e-3;
 
 /// How a network is trained.
 #[derive(Clone, Copy, Debug)]
@@ -19,6 +19,8 @@ pub(super) struct Recipe {
     pub(super) epochs: usize,
     /// Weight decay.
     pub(super) decay: f64,
+    /// Step length, at first; it falls to a hundredth.
+    pub(super) rate: f64,
 }
 
 /// Rows of numbers with their classes.
@@ -73,8 +75,16 @@ impl Network {
         network
     }
 
+    /// Trains one on from weights that it has: hidden rows (with the bias last), then output rows.
+    pub(super) fn train_on(rows: &Rows, recipe: &Recipe, scaling: Vec<[f64; 2]>, weights: Vec<f64>, seed: u64) -> Self {
+        let Recipe { hidden, classes, .. } = *recipe;
+        let mut network = Self { inputs: scaling.len(), hidden, classes, scaling, weights };
+        network.descend(rows, recipe, &mut Random::new(seed, 77));
+        network
+    }
+
     fn descend(&mut self, rows: &Rows, recipe: &Recipe, random: &mut Random) {
-        let Recipe { epochs, decay, .. } = *recipe;
+        let Recipe { epochs, decay, rate, .. } = *recipe;
         let scaled: Vec<Vec<f64>> = rows.inputs.iter().map(|row| self.scaled(row)).collect();
         let class_weights = rows.class_weights(self.classes);
         let count = self.weights.len();
@@ -93,7 +103,7 @@ impl Network {
                     let class = rows.classes[*row];
                     self.add_gradient(&scaled[*row], class, class_weights[class] / batch.len() as f64, &mut gradient);
                 }
-                let rate = RATE * libm::pow(0.01, step / steps);
+                let rate = rate * libm::pow(0.01, step / steps);
                 step += 1.0;
                 decay1 *= 0.9;
                 decay2 *= 0.999;
@@ -217,7 +227,7 @@ mod tests {
     }
 
     fn train(seed: u64, hidden: usize, epochs: usize, start: u64) -> Network {
-        Network::train(&crossed(seed), &Recipe { hidden, classes: 2, epochs, decay: 1e-4 }, start)
+        Network::train(&crossed(seed), &Recipe { hidden, classes: 2, epochs, decay: 1e-4, rate: RATE }, start)
     }
 
     #[test]

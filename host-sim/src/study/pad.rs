@@ -13,10 +13,13 @@ use foxhound_pad::{Camera, Candidate, Config, Detector, MEASURES, UNITS, WEIGHTS
 use rayon::prelude::*;
 use serde::Serialize;
 
+pub mod grounds;
+
 use super::network::{self, Network, Rows};
-use crate::world::camera::Truth;
+use crate::world::camera::grounds::Grounds;
 use crate::world::camera::random::{Recipe, Shot, shot};
 use crate::world::camera::watch::alone_by;
+use crate::world::camera::{Frame, Truth};
 
 /// Seeds that are never trained on.
 pub const EXAMINATION: Range<u64> = 0..5000;
@@ -27,19 +30,31 @@ const TRAINING: [(Recipe, Range<u64>); 4] = [
     (Recipe::CLUTTER, 100_000..152_000),
     (Recipe::CLUTTER, 300_000..347_000),
 ];
+/// About a quarter of them, beside real grounds: there weights are trained on from those that fly.
+const TRAINING_ON: [(Recipe, Range<u64>); 4] = [
+    (Recipe::PAD, 100_000..107_500),
+    (NEAR, 100_000..100_600),
+    (Recipe::CLUTTER, 100_000..113_000),
+    (Recipe::CLUTTER, 300_000..308_000),
+];
 /// Seeds of the pictures without a pad that set the score's zero.
 const THRESHOLD: Range<u64> = 400_000..430_000;
+const THRESHOLD_ON: Range<u64> = 400_000..405_000;
 /// In at most this many of those pictures a pad may be reported.
 const INVENTED: f64 = 0.000_8;
+const INVENTED_ON: f64 = 0.000_6;
 /// The border cuts most of these.
 const NEAR: Recipe = Recipe { is_whole: false, height_m: [0.4, 1.2], ..Recipe::PAD };
-/// Passes over the regions.
-const EPOCHS: usize = 300;
-/// Weight decay.
-const DECAY: f64 = 3e-4;
+/// How a network is trained from random weights.
+const ANEW: network::Recipe =
+    network::Recipe { hidden: UNITS, classes: 2, epochs: 300, decay: 3e-4, rate: network::RATE };
+/// How it is trained on from others.
+const ON: network::Recipe = network::Recipe { decay: 1e-4, rate: 5e-4, ..ANEW };
 /// Networks that are trained from other random weights each; the one that finds most pads is taken.
 const STARTS: u64 = 8;
-/// A network is trained on two of this many seeds; the others measure how good it is.
+/// So many seeds in a row are of different kinds, see [`grounds`].
+const KINDS: u64 = 6;
+/// A network is trained on two of this many rows of seeds; the others measure how good it is.
 const PARTS: u64 = 3;
 /// The largest weight of a unit in the tables, and the largest count.
 const LARGEST: f64 = 126.0;
@@ -76,6 +91,20 @@ impl Tally {
         (square / f64::from(self.found.max(1))).sqrt()
     }
 
+    /// Of one picture: what is seen, and what is there; `up` is the vertical for a camera that leans.
+    fn of(seen: Seen, truth: Option<&Truth>, up: Option<[f32; 2]>) -> Self {
+        let tally = Self { due: 1, ..Self::default() };
+        let Seen::Pad(pad) = seen else { return tally };
+        let Some(truth) = truth else { return Self { found: 1, ..tally } };
+        let error = |pad: &Pad| f64::from(apart(pad, truth) * Camera::default().focal_widths);
+        // Another thing that is red is no find.
+        if error(&pad) >= 0.1 {
+            return tally;
+        }
+        let straight = up.map_or(pad, |up| pad.straightened(up));
+        Self { found: 1, square: error(&pad).powi(2), straight: error(&straight).powi(2), ..tally }
+    }
+
     fn and(self, other: Self) -> Self {
         Self {
             due: self.due + other.due,
@@ -91,29 +120,23 @@ impl Tally {
 ///
 /// # Errors
 /// None in practice: the detector's own configuration.
-pub fn examine(weights: &Weights, recipe: &Recipe, seeds: Range<u64>, inside: [f32; 2]) -> Result<Tally, ConfigError> {
+pub fn examine(
+    weights: &[Weights],
+    recipe: &Recipe,
+    seeds: Range<u64>,
+    inside: [f32; 2],
+) -> Result<Tally, ConfigError> {
     let (camera, detector) = (Camera::default(), Config::default().build()?);
     let wanted = |truth: &Truth| {
         truth.width_px >= WIDE_PX && truth.hidden <= HIDDEN && (inside[0]..=inside[1]).contains(&truth.inside)
     };
     let look = |seed| {
         let shot = shot(recipe, &camera, seed);
-        let mut tally = Tally::default();
         if recipe.has_pad && !shot.truth.as_ref().is_some_and(wanted) {
-            return tally;
+            return Tally::default();
         }
-        tally.due = 1;
-        let Seen::Pad(pad) = see(&detector, &shot, |_, candidate| weights.score(&candidate.measures)) else {
-            return tally;
-        };
-        let Some(truth) = shot.truth else { return Tally { found: 1, ..tally } };
-        let error = |pad: &Pad| f64::from(apart(pad, &truth) * camera.focal_widths);
-        // Another thing that is red is no find.
-        if error(&pad) < 0.1 {
-            let straight = pad.straightened(shot.pose.up());
-            tally = Tally { found: 1, square: error(&pad).powi(2), straight: error(&straight).powi(2), ..tally };
-        }
-        tally
+        let seen = see(&detector, &shot, |_, candidate| foxhound_pad::score(weights, &candidate.measures));
+        Tally::of(seen, shot.truth.as_ref(), Some(shot.pose.up()))
     };
     // One by one in the order of the seeds, so that the sums are the same on any number of cores.
     let tallies: Vec<Tally> = seeds.into_par_iter().map(look).collect();
@@ -121,9 +144,13 @@ pub fn examine(weights: &Weights, recipe: &Recipe, seeds: Range<u64>, inside: [f
 }
 
 /// What a score finds in a picture; it is given whether this time counts.
-fn see(detector: &Detector, shot: &Shot, mut score: impl FnMut(bool, &Candidate) -> f32) -> Seen {
+fn see(detector: &Detector, shot: &Shot, score: impl FnMut(bool, &Candidate) -> f32) -> Seen {
+    see_in(detector, &shot.frame, shot.pose.height_m, score)
+}
+
+fn see_in(detector: &Detector, frame: &Frame, height_m: f32, mut score: impl FnMut(bool, &Candidate) -> f32) -> Seen {
     let score = |look, candidate: &Candidate| score(look + 1 == LOOKS, candidate);
-    alone_by(detector, &shot.frame, Some(shot.pose.height_m), LOOKS, score).seen
+    alone_by(detector, frame, Some(height_m), LOOKS, score).seen
 }
 
 fn apart(pad: &Pad, truth: &Truth) -> f32 {
@@ -146,7 +173,7 @@ impl Report {
     ///
     /// # Errors
     /// See [`examine`].
-    pub fn of(weights: &Weights) -> Result<Self, ConfigError> {
+    pub fn of(weights: &[Weights]) -> Result<Self, ConfigError> {
         let quarter = EXAMINATION.start..EXAMINATION.start + (EXAMINATION.end - EXAMINATION.start) / 4;
         Ok(Self {
             whole: examine(weights, &Recipe::PAD, EXAMINATION, [1.0, 1.0])?,
@@ -180,15 +207,21 @@ fn judge(pad: &Pad, truth: Option<&Truth>) -> Option<bool> {
 fn draw(recipe: &Recipe, seeds: Range<u64>, detector: &Detector) -> Vec<Sample> {
     let camera = Camera::default();
     let look = |seed: u64| {
-        let (shot, mut samples) = (shot(recipe, &camera, seed), Vec::new());
-        see(detector, &shot, |counts, Candidate { measures, pad }| {
-            let verdict = judge(pad, shot.truth.as_ref());
-            samples.extend(verdict.filter(|_| counts).map(|is_pad| Sample { seed, measures: *measures, is_pad }));
-            if verdict == Some(true) { 1.0 } else { -1.0 }
-        });
-        samples
+        let shot = shot(recipe, &camera, seed);
+        regions(detector, &shot.frame, shot.pose.height_m, shot.truth.as_ref(), seed)
     };
     seeds.into_par_iter().flat_map_iter(look).collect()
+}
+
+/// The same of one picture.
+fn regions(detector: &Detector, frame: &Frame, height_m: f32, truth: Option<&Truth>, seed: u64) -> Vec<Sample> {
+    let mut samples = Vec::new();
+    see_in(detector, frame, height_m, |counts, Candidate { measures, pad }| {
+        let verdict = judge(pad, truth);
+        samples.extend(verdict.filter(|_| counts).map(|is_pad| Sample { seed, measures: *measures, is_pad }));
+        if verdict == Some(true) { 1.0 } else { -1.0 }
+    });
+    samples
 }
 
 fn rows<'a>(samples: impl Iterator<Item = &'a Sample>) -> Rows {
@@ -197,53 +230,107 @@ fn rows<'a>(samples: impl Iterator<Item = &'a Sample>) -> Rows {
     Rows { inputs, classes }
 }
 
-/// Trains new weights. `seed` is that of the random weights at the start and of the order of the regions.
-///
-/// # Errors
-/// None in practice: the detector's own configuration.
-pub fn train(seed: u64) -> Result<Weights, ConfigError> {
-    let detector = Config::default().build()?;
-    let samples: Vec<Sample> =
-        TRAINING.into_iter().flat_map(|(recipe, seeds)| draw(&recipe, seeds, &detector)).collect();
-    let camera = Camera::default();
-    let regions = |seed| {
-        let mut regions = Vec::new();
-        see(&detector, &shot(&Recipe::CLUTTER, &camera, seed), |counts, candidate| {
-            regions.extend(counts.then_some(candidate.measures));
-            -1.0
-        });
-        regions
-    };
-    let pictures: Vec<Vec<[f32; MEASURES]>> = THRESHOLD.into_par_iter().map(regions).collect();
-    let is_held_out = |sample: &&Sample| sample.seed.is_multiple_of(PARTS);
-    let lessons = rows(samples.iter().filter(|sample| !is_held_out(sample)));
-    let held_out: Vec<&Sample> = samples.iter().filter(is_held_out).filter(|sample| sample.is_pad).collect();
-    let recipe = network::Recipe { hidden: UNITS, classes: 2, epochs: EPOCHS, decay: DECAY };
-    let trained: Vec<(usize, Weights)> = (0..STARTS)
-        .into_par_iter()
-        .map(|start| {
-            let mut weights = weights_of(&Network::train(&lessons, &recipe, STARTS * seed + start));
-            weights.none -= threshold(&weights, &pictures);
-            let found = held_out.iter().filter(|sample| weights.score(&sample.measures) > 0.0).count();
-            (found, weights)
-        })
-        .collect();
-    Ok(trained.into_iter().max_by_key(|(found, _)| *found).map_or(WEIGHTS, |(_, weights)| weights))
+/// What weights are trained on.
+pub struct Lessons {
+    samples: Vec<Sample>,
+    /// The regions of pictures without a pad, and in which part of the pictures a pad may be reported.
+    empty: Vec<(Vec<Vec<Measures>>, f64)>,
 }
 
-/// The score that hardly any of some pictures without a pad reaches.
-fn threshold(weights: &Weights, pictures: &[Vec<[f32; MEASURES]>]) -> f32 {
-    let most = |regions: &Vec<[f32; MEASURES]>| {
-        regions.iter().fold(f32::NEG_INFINITY, |most, measures| most.max(weights.score(measures)))
-    };
-    let mut scores: Vec<f32> = pictures.iter().map(most).collect();
-    scores.sort_by(|a, b| b.total_cmp(a));
-    scores[(INVENTED * scores.len() as f64) as usize]
+type Measures = [f32; MEASURES];
+
+impl Lessons {
+    /// Draws the pictures, those of real grounds too if there are some.
+    ///
+    /// # Errors
+    /// None in practice: the detector's own configuration.
+    pub fn draw(grounds: Option<&Grounds>) -> Result<Self, ConfigError> {
+        let detector = Config::default().build()?;
+        let camera = Camera::default();
+        let (training, threshold, invented) = match grounds {
+            None => (TRAINING, THRESHOLD, INVENTED),
+            Some(_) => (TRAINING_ON, THRESHOLD_ON, INVENTED_ON),
+        };
+        let mut samples: Vec<Sample> =
+            training.into_iter().flat_map(|(recipe, seeds)| draw(&recipe, seeds, &detector)).collect();
+        let regions_of = |seed| {
+            let shot = shot(&Recipe::CLUTTER, &camera, seed);
+            regions(&detector, &shot.frame, shot.pose.height_m, None, seed).into_iter().map(|sample| sample.measures)
+        };
+        let drawn = threshold.into_par_iter().map(|seed| regions_of(seed).collect()).collect();
+        let mut empty = vec![(drawn, invented)];
+        if let Some(grounds) = grounds {
+            let (more, real) = grounds::lessons(grounds, &detector);
+            samples.extend(more);
+            empty.push((real, grounds::INVENTED));
+        }
+        Ok(Self { samples, empty })
+    }
+
+    /// Trains weights from [`STARTS`] starts, from random ones or on from others, and takes the best. `seed` is that of
+    /// the random weights and of the order of the regions.
+    #[must_use]
+    pub fn train(&self, from: Option<&Weights>, seed: u64) -> Weights {
+        let is_held_out = |sample: &&Sample| (sample.seed / KINDS).is_multiple_of(PARTS);
+        let lessons = rows(self.samples.iter().filter(|sample| !is_held_out(sample)));
+        let held_out: Vec<&Sample> = self.samples.iter().filter(is_held_out).filter(|sample| sample.is_pad).collect();
+        let trained: Vec<(usize, Weights)> = (0..STARTS)
+            .into_par_iter()
+            .map(|start| {
+                let seed = STARTS * seed + start;
+                let mut weights = weights_of(&match from {
+                    Some(from) => {
+                        let scaling = from.scales.map(|scale| scale.map(f64::from)).to_vec();
+                        Network::train_on(&lessons, &ON, scaling, layers_of(from), seed)
+                    }
+                    None => Network::train(&lessons, &ANEW, seed),
+                });
+                weights.none -= self.threshold(&weights);
+                let found = held_out.iter().filter(|sample| weights.score(&sample.measures) > 0.0).count();
+                (found, weights)
+            })
+            .collect();
+        trained.into_iter().max_by_key(|(found, _)| *found).map_or_else(base, |(_, weights)| weights)
+    }
+
+    /// The score that hardly any picture without a pad reaches.
+    fn threshold(&self, weights: &Weights) -> f32 {
+        let most = |regions: &Vec<Measures>| {
+            regions.iter().fold(f32::NEG_INFINITY, |most, measures| most.max(weights.score(measures)))
+        };
+        let of = |(pictures, invented): &(Vec<Vec<Measures>>, f64)| {
+            let mut scores: Vec<f32> = pictures.iter().map(most).collect();
+            scores.sort_by(|a, b| b.total_cmp(a));
+            scores.get((invented * scores.len() as f64) as usize).copied().unwrap_or(f32::NEG_INFINITY)
+        };
+        self.empty.iter().map(of).fold(f32::NEG_INFINITY, f32::max)
+    }
+}
+
+/// The network's weights of whole numbers: those of a unit and its count get about the same size.
+fn layers_of(weights: &Weights) -> Vec<f64> {
+    let counts = weights.units.map(|(.., count)| f64::from(weights.worth) * f64::from(count) * LARGEST);
+    let scales = counts.map(|count| libm::sqrt(count.abs().max(1e-6)));
+    let mut layers = Vec::new();
+    for ((row, bias, _), scale) in weights.units.iter().zip(scales) {
+        layers.extend(row.iter().chain([bias]).map(|weight| scale * f64::from(*weight) / LARGEST));
+    }
+    for half in [-0.5, 0.5] {
+        layers.extend(counts.iter().zip(scales).map(|(count, scale)| half * count / scale));
+        layers.push(half * f64::from(weights.none));
+    }
+    layers
+}
+
+/// The first network that flies.
+fn base() -> Weights {
+    let [first, _] = WEIGHTS;
+    first
 }
 
 /// A network in the detector's form: the weights of a unit in whole numbers, the largest of them [`LARGEST`].
 fn weights_of(network: &Network) -> Weights {
-    let mut weights = WEIGHTS;
+    let mut weights = base();
     for (scale, from) in weights.scales.iter_mut().zip(&network.scaling) {
         *scale = from.map(three_digits);
     }
@@ -274,7 +361,7 @@ fn three_digits(value: f64) -> f32 {
 pub fn source(weights: &Weights, seed: u64) -> String {
     let mut text = format!(
         "//! The weights of the score, made by `foxhound pad --train --seed {seed}`.\n\n\
-         use super::score::Weights;\n\n/// The weights that fly.\npub const WEIGHTS: Weights = Weights {{\n    scales: [\n"
+         use super::score::Weights;\n\nconst NETWORK: Weights = Weights {{\n    scales: [\n"
     );
     for scale in &weights.scales {
         let _ = writeln!(text, "        {scale:?},");
@@ -308,7 +395,7 @@ mod tests {
     fn whole_numbers_score_as_the_network_that_they_are_made_of() {
         let samples = draw(&Recipe::PAD, 100_000..100_300, &Config::default().build().unwrap());
         let rows = rows(samples.iter());
-        let recipe = network::Recipe { hidden: UNITS, classes: 2, epochs: 10, decay: DECAY };
+        let recipe = network::Recipe { epochs: 10, ..ANEW };
         let network = Network::train(&rows, &recipe, 1);
         let weights = weights_of(&network);
         let agree = samples.iter().zip(&rows.inputs);

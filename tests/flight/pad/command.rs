@@ -23,6 +23,7 @@ fn bad_pictures_and_options_are_refused_by_name() {
     let path = dir.path().join("broken.png");
     std::fs::write(&path, b"\x89PNG\r\n\x1a\n and no more").unwrap();
     let broken = path.to_string_lossy().into_owned();
+    let folder = dir.path().to_string_lossy().into_owned();
     let cases: &[(&[&str], &[&str])] = &[
         (&[], &["--image"]),
         (&["--image", "does-not-exist.png"], &["does-not-exist.png"]),
@@ -36,6 +37,9 @@ fn bad_pictures_and_options_are_refused_by_name() {
         (&["--render", "--focal=-1"], &["--focal = -1 is outside 0.2..=5"]),
         (&["--render", "--radius", "99"], &["--radius = 99 is outside 0.02..=5"]),
         (&["--render", "--height", "2"], &["--height"]),
+        (&["--grounds", "does-not-exist"], &["--grounds", "does-not-exist"]),
+        (&["--grounds", &folder], &["--grounds", "broken.png", "PNG"]),
+        (&["--grounds", &folder, "--grey"], &["--grey"]),
     ];
     for (arguments, words) in cases {
         let output = run(&[&["pad", "--json"], *arguments].concat());

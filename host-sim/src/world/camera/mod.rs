@@ -7,6 +7,7 @@
 
 mod frame;
 mod ground;
+pub mod grounds;
 mod light;
 pub mod picture;
 pub mod random;

@@ -1,6 +1,7 @@
 //! Reads and writes pictures.
 
 use std::io::{BufRead, Seek};
+use std::ops::Range;
 use std::path::Path;
 
 use foxhound_core::landing::observation::Seen;
@@ -13,6 +14,9 @@ use crate::scenario::output;
 /// Largest number of pixels of a file.
 const PIXELS_MAX: u64 = 100_000_000;
 
+/// The first bytes of a JPEG.
+const JPEG: [u8; 2] = [0xff, 0xd8];
+
 /// Red, green and blue of eight bits.
 #[derive(Clone, Debug)]
 pub struct Picture {
@@ -22,11 +26,32 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// Reads a PNG of any kind.
+    /// Reads a PNG or a JPEG of any kind.
     ///
     /// # Errors
     /// What is wrong with it.
-    pub fn read(file: impl BufRead + Seek) -> Result<Self, String> {
+    pub fn read(mut file: impl BufRead + Seek) -> Result<Self, String> {
+        let is_jpeg = file.fill_buf().map_err(|error| error.to_string())?.starts_with(&JPEG);
+        if is_jpeg { Self::jpeg(file) } else { Self::png(file) }
+    }
+
+    fn jpeg(file: impl BufRead + Seek) -> Result<Self, String> {
+        let mut decoder = zune_jpeg::JpegDecoder::new(file);
+        let failed = |error: zune_jpeg::errors::DecodeErrors| format!("no JPEG: {error}");
+        decoder.decode_headers().map_err(failed)?;
+        let info = decoder.info().ok_or("no JPEG: it has no size")?;
+        let [width, height] = [info.width, info.height].map(usize::from);
+        let bytes = decoder.decode().map_err(failed)?;
+        // Grey ones have one channel.
+        let rgb =
+            if bytes.len() == width * height { bytes.iter().flat_map(|grey| [*grey; 3]).collect() } else { bytes };
+        if rgb.len() != 3 * width * height {
+            return Err("no JPEG in colour or grey".into());
+        }
+        Ok(Self { width, height, rgb })
+    }
+
+    fn png(file: impl BufRead + Seek) -> Result<Self, String> {
         let mut decoder = png::Decoder::new(file);
         decoder.set_transformations(png::Transformations::normalize_to_color8());
         let mut reader = decoder.read_info().map_err(|error| format!("no PNG: {error}"))?;
@@ -55,23 +80,10 @@ impl Picture {
             [side(self.width), side(self.height)]
         });
         let mut bytes = Vec::new();
-        let part = |at: u16, of: u16, side: usize| {
-            let from = usize::from(at) * side / usize::from(of);
-            from..((usize::from(at) + 1) * side / usize::from(of)).max(from + 1)
-        };
         for row in 0..height_px {
             for column in 0..width_px {
-                let (mut sum, mut count) = ([0_u32; 3], 0);
-                for y in part(row, height_px, self.height) {
-                    for x in part(column, width_px, self.width) {
-                        let at = 3 * (y * self.width + x);
-                        for (sum, value) in sum.iter_mut().zip(&self.rgb[at..at + 3]) {
-                            *sum += u32::from(*value);
-                        }
-                        count += 1;
-                    }
-                }
-                let [red, green, blue] = sum.map(|sum| (sum + count / 2) / count);
+                let rows = part(row, height_px, self.height);
+                let [red, green, blue] = self.mean(part(column, width_px, self.width), rows);
                 match format {
                     Format::Rgb565 => {
                         let code = (((red * 31 + 127) / 255) << 11)
@@ -86,6 +98,27 @@ impl Picture {
         Frame { size: Size { width_px, height_px, format }, bytes }
     }
 
+    /// Columns and lines.
+    #[must_use]
+    pub fn size(&self) -> [usize; 2] {
+        [self.width, self.height]
+    }
+
+    /// The mean colour of a rectangle inside the picture.
+    pub(super) fn mean(&self, columns: Range<usize>, rows: Range<usize>) -> [u32; 3] {
+        let (mut sum, mut count) = ([0_u32; 3], 0);
+        for y in rows {
+            for x in columns.clone() {
+                let at = 3 * (y * self.width + x);
+                for (sum, value) in sum.iter_mut().zip(&self.rgb[at..at + 3]) {
+                    *sum += u32::from(*value);
+                }
+                count += 1;
+            }
+        }
+        sum.map(|sum| (sum + count / 2) / count.max(1))
+    }
+
     /// Writes a PNG.
     ///
     /// # Errors
@@ -95,6 +128,12 @@ impl Picture {
         let png = png.map_err(|error| InputError::new(error.to_string()).in_file(path))?;
         output::write(path, &png)
     }
+}
+
+/// The pixels of a side that one of `of` pixels covers.
+pub(super) fn part(at: u16, of: u16, side: usize) -> Range<usize> {
+    let from = usize::from(at) * side / usize::from(of);
+    from..((usize::from(at) + 1) * side / usize::from(of)).max(from + 1)
 }
 
 /// A PNG of red, green and blue of eight bits.

@@ -57,31 +57,32 @@ pub struct Shot {
     pub truth: Option<Truth>,
 }
 
-struct Draw(Random);
+/// Random numbers of a picture.
+pub(super) struct Draw(pub(super) Random);
 
 impl Draw {
-    fn between(&mut self, low: f32, high: f32) -> f32 {
+    pub(super) fn between(&mut self, low: f32, high: f32) -> f32 {
         low + (high - low) * self.0.uniform() as f32
     }
 
-    fn one_of(&mut self, count: usize) -> usize {
+    pub(super) fn one_of(&mut self, count: usize) -> usize {
         (self.0.uniform() * count as f64) as usize
     }
 
-    fn chance(&mut self, part: f64) -> bool {
+    pub(super) fn chance(&mut self, part: f64) -> bool {
         self.0.uniform() < part
     }
 
     /// Uniform in the logarithm.
-    fn scale(&mut self, low: f32, high: f32) -> f32 {
+    pub(super) fn scale(&mut self, low: f32, high: f32) -> f32 {
         (self.between(low.ln(), high.ln())).exp()
     }
 
-    fn turn(&mut self) -> f32 {
+    pub(super) fn turn(&mut self) -> f32 {
         self.between(0.0, TAU)
     }
 
-    fn vary(&mut self, colour: Colour, by: f32) -> Colour {
+    pub(super) fn vary(&mut self, colour: Colour, by: f32) -> Colour {
         let all = self.between(1.0 - by, 1.0 + by);
         colour.map(|value| (value * all * self.between(1.0 - 0.4 * by, 1.0 + 0.4 * by)).min(0.95))
     }

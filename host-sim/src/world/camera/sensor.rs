@@ -68,7 +68,7 @@ fn gamma(value: f32) -> f32 {
 }
 
 /// Blurs by a Gaussian.
-fn blur(image: &mut [Colour], width: usize, height: usize, sigma_px: f32) {
+pub(super) fn blur(image: &mut [Colour], width: usize, height: usize, sigma_px: f32) {
     let reach = (2.5 * sigma_px).ceil().min(8.0) as isize;
     let mut weights: Vec<f32> =
         (-reach..=reach).map(|at| (-0.5 * (at as f32 / sigma_px) * (at as f32 / sigma_px)).exp()).collect();

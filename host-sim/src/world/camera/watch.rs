@@ -2,14 +2,14 @@
 
 use foxhound_core::base::time::Instant;
 use foxhound_core::landing::observation::{Bad, PadObservation, Seen};
-use foxhound_pad::{Candidate, Detector, State, WEIGHTS};
+use foxhound_pad::{Candidate, Detector, State, WEIGHTS, score};
 
 use super::frame::Frame;
 
 /// The detector's result for a frame, after those before it.
 #[must_use]
 pub fn watch(detector: &Detector, state: &mut State, frame: &Frame, height_m: Option<f32>) -> PadObservation {
-    watch_by(detector, state, frame, height_m, |candidate| WEIGHTS.score(&candidate.measures))
+    watch_by(detector, state, frame, height_m, |candidate| score(&WEIGHTS, &candidate.measures))
 }
 
 /// The same with another score.
@@ -33,7 +33,7 @@ fn watch_by(
 /// The result for a frame by itself: it is processed `times` times, and the last result counts.
 #[must_use]
 pub fn alone(detector: &Detector, frame: &Frame, height_m: Option<f32>, times: u32) -> PadObservation {
-    alone_by(detector, frame, height_m, times, |_, candidate| WEIGHTS.score(&candidate.measures))
+    alone_by(detector, frame, height_m, times, |_, candidate| score(&WEIGHTS, &candidate.measures))
 }
 
 /// The same with another score, which gets the index of the observation, from 0.
