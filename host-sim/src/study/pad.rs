@@ -267,7 +267,7 @@ impl Lessons {
         Ok(Self { samples, empty })
     }
 
-    /// Trains weights from [`STARTS`] starts, from random ones or on from others, and takes the best. `seed` is that of
+    /// Trains weights from `STARTS` starts, from random ones or on from others, and takes the best. `seed` is that of
     /// the random weights and of the order of the regions.
     #[must_use]
     pub fn train(&self, from: Option<&Weights>, seed: u64) -> Weights {

@@ -144,6 +144,9 @@ fn what_opencv_draws_is_seen_as_well_and_hardly_anything_else_is() {
     assert!(100 * found >= 97 * pads && 100 * invented <= others, "{counts:?}");
 }
 
+/// Where a detector sees the disc of a view, forward and right as tangents.
+type Centre<'a> = dyn Fn(usize, &View) -> Option<(f64, f64)> + 'a;
+
 /// On real grounds the detector finds at least as many round discs as `OpenCV` and most that have lost their shape, and reports
 /// fewer false ones.
 #[test]
@@ -163,7 +166,7 @@ fn on_real_grounds_the_detector_invents_less_than_opencv() {
             input.extend_from_slice(&view.frame.rgb());
         }
         let theirs = find_pads(input);
-        let share = |centre: &dyn Fn(usize, &View) -> Option<(f64, f64)>| {
+        let share = |centre: &Centre<'_>| {
             let mut score = Score::new();
             for (index, view) in views.iter().enumerate() {
                 score.add(centre(index, view).map(|(forward, right)| {
