@@ -1,7 +1,9 @@
-//! The landing's row: its worst step, from the first bearing to the ground.
+//! The row of the landing with the belief's fix of the last metres: their worst step, from the first bearing to the
+//! ground.
 
 use core::hint::black_box;
 
+use foxhound_core::base::history::{FullPose, Poses};
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::ned::{Horizontal, Ned};
 use foxhound_core::base::ownship::Ownship;
@@ -10,6 +12,7 @@ use foxhound_core::base::units::sin_cos;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::landing::observation::{Pad, PadObservation, Seen};
 use foxhound_core::landing::{Config, Input, Stage, State};
+use foxhound_core::localize::source::near;
 use foxhound_firmware::board::Board as _;
 use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 
@@ -25,8 +28,10 @@ const STEPS_MAX: u32 = 6_000;
 #[inline(never)]
 pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let config = Config { has_camera: true, ..Config::default() };
-    let Ok(lander) = config.build() else { Twin::halt(format_args!("the lander does not build")) };
-    let (mut state, mut worst) = (State::default(), 0);
+    let (Ok(lander), Ok(near)) = (config.build(), config.near.build()) else {
+        Twin::halt(format_args!("the lander does not build"))
+    };
+    let (mut state, mut fixing, mut poses, mut worst) = (State::default(), near::State::default(), Poses::default(), 0);
     let mut place = Ned { north: -3.0, east: 0.5, down: -3.0 };
     let mut velocity = Ned::default();
     for step in 1..STEPS_MAX {
@@ -60,19 +65,27 @@ pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
         let is_in_sight = down > 0.1 && pad.forward.abs() < 0.4 && pad.right.abs() < 0.55;
         let look =
             (step % LOOK_TICKS == 0 && is_in_sight).then_some(PadObservation { time: now, seen: Seen::Pad(pad) });
-        let input = Input {
-            now,
-            ownship: Some(&ownship),
-            height_m: Some(-place.down),
-            bearing: Some(&bearing),
-            estimate: None,
-            look,
-            is_landed: place.down >= 0.0,
-            is_blocked: false,
-            tick_s: TICK_S,
-        };
+        let height_m = Some(-place.down);
         let mut advice = None;
-        worst = worst.max(measure(&mut || advice = Some(lander.step(&mut state, black_box(&input)))));
+        worst = worst.max(measure(&mut || {
+            let ownship = black_box(&ownship);
+            poses.note(ownship);
+            let pose = FullPose::carried(ownship, now);
+            near.hear(&mut fixing, &bearing, &poses.at(now).unwrap_or(pose), height_m);
+            let input = Input {
+                now,
+                ownship: Some(ownship),
+                height_m,
+                poses: &poses,
+                fix: near.fix(&fixing, now, pose.place_ned_m),
+                estimate: None,
+                look,
+                is_landed: place.down >= 0.0,
+                is_blocked: false,
+                tick_s: TICK_S,
+            };
+            advice = Some(lander.step(&mut state, black_box(&input)));
+        }));
         let Some(advice) = advice else { break };
         if advice.stage == Stage::Landed {
             row("landing_step", worst, 5_000);
