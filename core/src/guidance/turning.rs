@@ -37,6 +37,9 @@ const ATTITUDE_AGE_MAX_S: f32 = 0.2;
 /// which the source started or stopped transmitting.
 const CONTRAST_MAX: f32 = 1.25;
 const SIGMA_MAX_RAD: f32 = 0.5;
+/// What a rotation errs by, over what the fit of the pattern says: the attitude is late, and the vehicle moves on
+/// meanwhile. With 1, a filter that started wrong held out against the right bearings.
+const DOUBT: f32 = 2.0;
 /// Channels that an array needs.
 const LIVING_MIN: usize = 3;
 /// `10 / ln 10`.
@@ -233,7 +236,7 @@ impl Turning {
         let place_ned_m = from.plus(here).times(0.5);
         let since_s = state.heard.replace(rotation.time).map_or(0.0, |heard| rotation.time.seconds_since(heard));
         let direction_ned = Horizontal::from_bearing(rotation.bearing_ned_rad);
-        let sigma_rad = rotation.independent_sigma_rad();
+        let sigma_rad = DOUBT * rotation.independent_sigma_rad();
         Some(Turned::Direction(rotation, Sighting { place_ned_m, direction_ned, sigma_rad, since_s }))
     }
 }
