@@ -1,7 +1,7 @@
 """Records how an autopilot follows the velocity setpoints that Foxhound sends: steps, stops, turns and reversals.
 
     python3 examples/step_response.py ardupilot tcp:127.0.0.1:5762        # out/step_response.csv
-    python3 examples/step_response.py px4 udpin:127.0.0.1:14540 --repeats 4 --speeds 1 3 5
+    python3 examples/step_response.py px4 udpin:127.0.0.1:14540 --repeats 4 --speeds 1 3 5 --mean out/mean.csv
 
 It is pilot and companion in one: arms, takes off, enters GUIDED or OFFBOARD, streams SET_POSITION_TARGET_LOCAL_NED
 at 20 Hz with mask 0x05C7 (velocity and yaw rate), and lands. For a simulated autopilot only: nothing looks for
@@ -9,7 +9,8 @@ obstacles. Every repeat flies in another direction. Needs pymavlink.
 
 Rows of the CSV: `command` (sent), `estimate` (LOCAL_POSITION_NED) and `truth` (of the simulator: SIM_STATE of
 ArduPilot, HIL_STATE_QUATERNION of PX4; its position is relative to its first row). Estimates are at the autopilot's
-time, shifted by the least delay seen; commands and truth at the time of sending and arrival.
+time, shifted by the least delay seen nearby; commands and truth at the time of sending and arrival.
+`--mean` writes the truth every 0.1 s, along and across the direction of the repeat, as a mean of all repeats.
 """
 
 import argparse
@@ -30,6 +31,7 @@ MASK = 0x05C7
 HEIGHT_M = 6.0
 TURN_MPS = 2.0
 STEP_S, STOP_S = 6.0, 6.0
+MEAN_S = 0.1
 EARTH_M_PER_DEG = 111_318.8
 # Main and sub mode of DO_SET_MODE, and what HEARTBEAT then shows.
 FOLLOW = {"ardupilot": (4, 0, 4), "px4": (6, 0, 6 << 16)}
@@ -50,7 +52,7 @@ class Vehicle:
         self.next_beat_s = self.next_setpoint_s = 0.0
         self.velocity = None
         self.leg = "wait"
-        self.commands, self.truths, self.estimates = [], [], []
+        self.commands, self.truths, self.estimates, self.begins_s = [], [], [], []
 
     def now(self):
         return time.monotonic() - self.begin_s
@@ -183,12 +185,53 @@ class Vehicle:
 
 def rows(vehicle):
     """All that was recorded, in the order of time."""
-    delay_s = min(now_s - boot_s for now_s, boot_s, *_ in vehicle.estimates)
+    # The least delay of the neighbours: a simulator's second may be a per cent longer than ours.
+    delays_s = [now_s - boot_s for now_s, boot_s, *_ in vehicle.estimates]
+    shifts_s = [min(delays_s[max(0, i - 50) : i + 50]) for i in range(len(delays_s))]
     found = [(now_s, "command", *rest) for now_s, *rest in vehicle.commands]
     found += [(now_s, "truth", *rest) for now_s, *rest in vehicle.truths]
-    found += [(boot_s + delay_s, "estimate", *rest) for _, boot_s, *rest in vehicle.estimates]
+    estimates = zip(vehicle.estimates, shifts_s, strict=True)
+    found += [(boot_s + shift_s, "estimate", *rest) for (_, boot_s, *rest), shift_s in estimates]
     for time_s, source, leg, position, velocity in sorted(found, key=lambda row: row[0]):
         yield [f"{time_s:.4f}", source, leg, *(f"{x:.4f}" for x in position), *(f"{x:.4f}" for x in velocity)]
+
+
+def mean(vehicle, repeats):
+    """The truth of all repeats as one, in the frame of their directions."""
+    begins_s = vehicle.begins_s
+    ends_s = [*begins_s[1:], vehicle.commands[-1][0]]
+    period_s = min(end_s - begin_s for begin_s, end_s in zip(begins_s, ends_s, strict=True))
+    truth, at = vehicle.truths, 0
+    sums = [[0.0] * 6 for _ in range(int(period_s / MEAN_S))]
+    for repeat, begin_s in enumerate(begins_s):
+        angle_rad = math.radians(360 * repeat / repeats)
+        cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
+        first, command_at = None, 0
+        for step, total in enumerate(sums):
+            now_s = begin_s + step * MEAN_S
+            while truth[at + 1][0] < now_s:
+                at += 1
+            while command_at + 1 < len(vehicle.commands) and vehicle.commands[command_at + 1][0] <= now_s + PERIOD_S / 2:
+                command_at += 1
+            (before_s, _, *before), (after_s, _, *after) = truth[at], truth[at + 1]
+            share = (now_s - before_s) / (after_s - before_s)
+            place, speed = ([x + share * (y - x) for x, y in zip(*pair, strict=True)] for pair in zip(before, after, strict=True))
+            first = first or place
+            place = [x - y for x, y in zip(place, first, strict=True)]
+            command = vehicle.commands[command_at][3]
+            for i, (north, east, _) in enumerate((command, place, speed)):
+                total[2 * i] += (north * cosine + east * sine) / repeats
+                total[2 * i + 1] += (east * cosine - north * sine) / repeats
+    for step, total in enumerate(sums):
+        yield [f"{step * MEAN_S:.1f}", *(f"{x + 0.0:.3f}" for x in total)]
+
+
+def write(path, header, lines):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header.split())
+        writer.writerows(lines)
 
 
 def main():
@@ -198,11 +241,13 @@ def main():
     parser.add_argument("--speeds", type=float, nargs="+", default=[1, 2, 3, 4, 5], metavar="M/S")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--out", type=Path, default=Path("out/step_response.csv"))
+    parser.add_argument("--mean", type=Path, help="the mean of the repeats as well")
     args = parser.parse_args()
     vehicle = Vehicle(args.autopilot, args.address)
     vehicle.take_off()
     for repeat in range(args.repeats):
         direction_deg = 360 * repeat / args.repeats
+        vehicle.begins_s.append(vehicle.now())
         for speed_mps in args.speeds:
             vehicle.fly("step", speed_mps, direction_deg, STEP_S)
             vehicle.fly("stop", 0, direction_deg, STOP_S)
@@ -211,11 +256,10 @@ def main():
             vehicle.fly(leg, TURN_MPS, direction_deg + turned_deg, STEP_S)
             vehicle.fly("stop", 0, direction_deg, STOP_S)
     vehicle.land()
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    with args.out.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow("time_s source leg north_m east_m down_m vn_mps ve_mps vd_mps".split())
-        writer.writerows(rows(vehicle))
+    write(args.out, "time_s source leg north_m east_m down_m vn_mps ve_mps vd_mps", rows(vehicle))
+    if args.mean:
+        header = "time_s command_along_mps command_across_mps along_m across_m along_mps across_mps"
+        write(args.mean, header, mean(vehicle, args.repeats))
     counts = f"{len(vehicle.commands)} setpoints, {len(vehicle.estimates)} estimates, {len(vehicle.truths)} of truth"
     print(f"{args.out}: {counts}")
 
