@@ -11,4 +11,5 @@ mod people;
 mod radios;
 mod recorded;
 mod scenarios;
+mod step_response;
 mod turning;

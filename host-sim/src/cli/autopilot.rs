@@ -142,9 +142,13 @@ pub(super) fn autopilot(cli: &Cli, args: &AutopilotCommand) -> Result<ExitCode, 
     let [north, east, altitude] = args.start;
     let altitude = if args.begin == Begin::Parked { 0.0 } else { altitude };
     let pose = Pose { position_ned_m: [north, east, -altitude], ..Pose::default() };
-    let model = scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario::Vehicle::default() };
-    let mut vehicle = Vehicle::new(model, A_MAX_MPS2, pose);
     let (mut autopilot, mut control_due_us) = model_at_start(args);
+    let model = scenario::Vehicle {
+        model: VehicleModel::Arducopter,
+        autopilot: autopilot.software(),
+        ..scenario::Vehicle::default()
+    };
+    let mut vehicle = Vehicle::new(model, A_MAX_MPS2, pose);
     let (seed, rate) = args.noise.unwrap_or_default();
     let mut wire = Wire::new(seed, 0.0, rate);
     let (mut framer, mut ended) = (Framer::new(), Ended::default());

@@ -151,7 +151,7 @@ impl Trial {
     #[must_use]
     pub fn guidance(scenario: &Scenario, seed: u64) -> guidance::Config {
         let (planner, estimator) = (planner::Config::default(), Estimator::CrossSpectrum);
-        let scenario = Scenario { vehicle: vehicle(scenario), ..scenario.clone() };
+        let scenario = Scenario { vehicle: vehicle(scenario, scenario.vehicle.autopilot), ..scenario.clone() };
         Mission { scenario, seed, planner, estimator }.guidance()
     }
 }
@@ -161,7 +161,7 @@ impl<C: Computer> Trial<C> {
     #[must_use]
     pub fn with(computer: C, scenario: &Scenario, software: Software, start: Start, clocks: Clocks, seed: u64) -> Self {
         let scenario = Scenario {
-            vehicle: vehicle(scenario),
+            vehicle: vehicle(scenario, software),
             sensor: scenario::Sensor { model: SensorModel::Scan, ..scenario.sensor },
             ..scenario.clone()
         };
@@ -350,8 +350,8 @@ pub fn parameter(step: &Step, name: &str) -> Option<f32> {
 }
 
 /// The vehicle's response is that of an autopilot, and guidance is configured for it.
-const fn vehicle(scenario: &Scenario) -> scenario::Vehicle {
-    scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario.vehicle }
+const fn vehicle(scenario: &Scenario, software: Software) -> scenario::Vehicle {
+    scenario::Vehicle { model: VehicleModel::Arducopter, autopilot: software, ..scenario.vehicle }
 }
 
 const fn place(motion: &Motion) -> Horizontal {

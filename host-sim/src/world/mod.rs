@@ -9,8 +9,8 @@
 //! | `person`, `people` | people: `walk` is the route, `aside` how a person gives way, `course` either in time |
 //! | [`rays`] | radio paths among walls |
 //! | [`antennas`] | the samples of the four channels |
-//! | [`air`], [`deviation`] | the wind, and how far it moves the vehicle off its path |
-//! | [`vehicle`] | the motion that follows from commands |
+//! | [`air`] | the wind |
+//! | [`vehicle`] | the motion that follows from commands: `shaping` and [`deviation`] are the autopilot's part of it |
 //! | [`sensor`] | the obstacle sensor |
 //! | [`camera`], [`camera_line`] | the camera that looks down, and its frames on a serial line |
 //! | [`random`] | seeded random numbers, one generator a purpose |
@@ -31,6 +31,7 @@ mod pillar;
 pub mod random;
 pub mod rays;
 pub mod sensor;
+mod shaping;
 mod truth;
 pub mod vehicle;
 mod walk;
