@@ -211,11 +211,13 @@ def mean(vehicle, repeats):
             now_s = begin_s + step * MEAN_S
             while truth[at + 1][0] < now_s:
                 at += 1
-            while command_at + 1 < len(vehicle.commands) and vehicle.commands[command_at + 1][0] <= now_s + PERIOD_S / 2:
+            until_s = now_s + PERIOD_S / 2
+            while command_at + 1 < len(vehicle.commands) and vehicle.commands[command_at + 1][0] <= until_s:
                 command_at += 1
             (before_s, _, *before), (after_s, _, *after) = truth[at], truth[at + 1]
             share = (now_s - before_s) / (after_s - before_s)
-            place, speed = ([x + share * (y - x) for x, y in zip(*pair, strict=True)] for pair in zip(before, after, strict=True))
+            pairs = zip(before, after, strict=True)
+            place, speed = ([x + share * (y - x) for x, y in zip(*pair, strict=True)] for pair in pairs)
             first = first or place
             place = [x - y for x, y in zip(place, first, strict=True)]
             command = vehicle.commands[command_at][3]
