@@ -444,7 +444,7 @@ mod tests {
         let vehicle_model = vehicle_model::Config::default().build(TICK_S).unwrap();
         let evader = Config::default().build(&vehicle_model, 1.0, fast_mps, 2.0).unwrap();
         let (mut state, mut underway) = (State::default(), vehicle_model::State::default());
-        let mut vehicle = Vehicle::new(Horizontal::default(), 16, 0.5);
+        let mut vehicle = Vehicle::new(Horizontal::default(), 4, 0.54);
         let (mut command, mut halfway, mut walker) = (Horizontal::default(), Horizontal::default(), from);
         let mut least_m = f32::INFINITY;
         for _ in 0..300 {
@@ -487,7 +487,7 @@ mod tests {
     #[test]
     fn of_those_who_are_seen_late_fewer_are_met_where_it_may_evade_faster() {
         let [slow, fast] = [1.0, 2.0].map(|fast_mps| {
-            let walks = (0..8).flat_map(|k| [1.6, 1.8, 2.0, 2.2, 2.4].map(|away_m| (k as f32, away_m)));
+            let walks = (0..8).flat_map(|k| [1.2, 1.4, 1.6, 1.8, 2.0].map(|away_m| (k as f32, away_m)));
             let meets = |(k, away_m): &(f32, f32)| {
                 let from = at(k * core::f32::consts::TAU / 8.0, *away_m);
                 least_m(fast_mps, Horizontal::default(), from, from.times(-1.5 / away_m)) < REACH_M

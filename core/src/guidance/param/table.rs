@@ -76,7 +76,7 @@ pub const TABLE: &[Param] = &[
     real(
         "FH_DEAD_TIME",
         "s",
-        0.32,
+        0.08,
         [0.0, 1.12],
         Value(|config| &mut config.vehicle_model.dead_time_s),
         "Time from a setpoint to the vehicle's first motion.",
@@ -84,7 +84,7 @@ pub const TABLE: &[Param] = &[
     real(
         "FH_LAG",
         "s",
-        0.5,
+        0.54,
         [0.0, 5.0],
         Value(|config| &mut config.vehicle_model.lag_s),
         "Time constant of the vehicle's velocity after that.",
