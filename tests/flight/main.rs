@@ -1,5 +1,6 @@
 //! Flights in the simulator arrive, collide with nothing and land, in every setting that is flown.
 
+mod belief;
 mod closed_loop;
 mod gusts;
 mod landing;

@@ -118,6 +118,12 @@ impl<const N: usize> State<N> {
         &self.surroundings.map
     }
 
+    /// The belief about the source.
+    #[must_use]
+    pub const fn belief(&self) -> &belief::State {
+        &self.belief
+    }
+
     /// The tracked bodies.
     #[must_use]
     pub fn tracks(&self) -> &Tracks {

@@ -99,9 +99,9 @@ impl Localizer {
             self.classify(state, bearing, bearing_ned_rad, ownship, walls);
         }
         if let Some(bearing_ned_rad) = bearing_ned_rad {
-            let (at, place) = (bearing.time, ownship.position_ned_m.horizontal());
-            let direction = Horizontal::from_bearing(bearing_ned_rad);
-            if let Some(sighting) = state.gathering.add(at, direction, place, bearing.sigma_rad) {
+            let place_ned_m = ownship.position_ned_m.horizontal();
+            let direction_ned = Horizontal::from_bearing(bearing_ned_rad);
+            if let Some(sighting) = state.gathering.add(bearing, direction_ned, place_ned_m) {
                 self.add(state, &sighting, walls);
             }
         }

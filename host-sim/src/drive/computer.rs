@@ -17,6 +17,7 @@ use foxhound_core::doa::calibration::record::Calibration;
 use foxhound_core::guidance::param::Values;
 use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Output};
+use foxhound_core::localize::source::Estimate;
 use foxhound_core::localize::source::support::Support;
 use foxhound_core::mapping::tracks::Track;
 use foxhound_core::planning::planner::{Answer, Plan, Workspace};
@@ -131,6 +132,11 @@ pub trait Computer {
     /// The circles of its obstacle map, if its state can be read.
     fn remembered(&self) -> Vec<Circle> {
         Vec::new()
+    }
+
+    /// Where it believes the source, received directly, if its state can be read.
+    fn believed(&self) -> Option<Estimate> {
+        None
     }
 
     /// The objects that it tracks, if its state can be read.
@@ -311,6 +317,10 @@ impl Computer for HostComputer {
 
     fn remembered(&self) -> Vec<Circle> {
         self.state.map().circles().collect()
+    }
+
+    fn believed(&self) -> Option<Estimate> {
+        self.state.belief().direct().copied()
     }
 
     fn followed(&self) -> Vec<Track> {

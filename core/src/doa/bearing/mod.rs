@@ -201,6 +201,16 @@ pub struct Bearing {
 }
 
 impl Bearing {
+    /// The part of the standard deviation that is alike from bearing to bearing: by other paths of the wave.
+    #[must_use]
+    pub fn alike_rad(&self) -> f32 {
+        match self.flags.contains(Flags::MULTIPATH) {
+            true if self.sigma_rad > MULTIPATH_SIGMA_RAD => MULTIPATH_SIGMA_RAD,
+            true => self.sigma_rad,
+            false => 0.0,
+        }
+    }
+
     /// A bearing without a direction.
     #[must_use]
     pub const fn without(time: Instant, quality: Quality, flags: Flags) -> Self {

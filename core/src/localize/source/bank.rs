@@ -35,6 +35,8 @@ const NOTHING: f32 = -5.0;
 const SWITCH_MAX: f32 = 0.1;
 /// Memory of the mean innovation, in sightings.
 const INNOVATION_MEMORY: f32 = 10.0;
+/// One outlier among ten sightings does not make a filter wrong, two do.
+const INNOVATION_MAX: f32 = 25.0;
 
 /// Configuration of the bank.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -366,7 +368,8 @@ impl FilterBank {
         hypothesis.path = best.path;
         hypothesis.log_weight =
             self.config.memory * hypothesis.log_weight + libm::logf(best.likelihood + other + 1e-30);
-        hypothesis.distance += (best.nis - hypothesis.distance) / INNOVATION_MEMORY;
+        let nis = if best.nis < INNOVATION_MAX { best.nis } else { INNOVATION_MAX };
+        hypothesis.distance += (nis - hypothesis.distance) / INNOVATION_MEMORY;
         best.inlier > EXPLAINED
     }
 

@@ -1,59 +1,107 @@
 //! Gathers bearings into sightings: the average over a tenth of a second, so that filters run at 10 Hz and their input
 //! errors are less correlated.
+//!
+//! Averaged are the bearings that agree with the one that most of the others agree with (a consensus set, as in RANSAC, Fischler
+//! and Bolles 1981, with every bearing tried): outliers stay outside as long as they do not agree with each other. Errors by
+//! other paths of the wave are alike from bearing to bearing and from sighting to sighting, and are not averaged away.
+
+use heapless::Vec;
 
 use super::Sighting;
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::time::Instant;
+use crate::doa::bearing::Bearing;
 
 /// Time over which bearings are gathered.
 pub const SIGHTING_S: f32 = 0.1;
+/// Most bearings of one sighting: six at 50 Hz. Of more, the last are left out.
+const BEARINGS_MAX: usize = 8;
+/// Directions agree when they are no farther apart than this and three of their sigmas: true ones turn as fast near the source.
+const APART_RAD: f32 = 0.1;
+/// So many sightings, one second of them, are alike in their errors by other paths.
+const ALIKE_SIGHTINGS: f32 = 10.0;
+
+/// A bearing of the next sighting.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Heard {
+    direction_ned: Horizontal,
+    place_ned_m: Horizontal,
+    /// Variance of what differs from bearing to bearing, and of what is alike.
+    noise_rad2: f32,
+    alike_rad2: f32,
+}
+
+impl Heard {
+    fn agrees(&self, other: &Self) -> bool {
+        let apart = self.direction_ned.minus(other.direction_ned).norm_squared();
+        apart < APART_RAD * APART_RAD + 9.0 * (self.noise_rad2 + other.noise_rad2)
+    }
+}
 
 /// The bearings gathered so far for the next sighting.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gathering {
     since: Option<Instant>,
     last_sighting: Option<Instant>,
-    direction: Horizontal,
-    place: Horizontal,
-    variance: f32,
-    count: f32,
+    heard: Vec<Heard, BEARINGS_MAX>,
 }
 
 impl Gathering {
-    /// Adds a bearing, as a unit vector; returns the sighting when it is complete.
-    pub fn add(
-        &mut self,
-        at: Instant,
-        direction_ned: Horizontal,
-        place_ned_m: Horizontal,
-        sigma_rad: f32,
-    ) -> Option<Sighting> {
+    /// Adds a bearing with its direction, a unit vector; returns the sighting when it is complete.
+    pub fn add(&mut self, bearing: &Bearing, direction_ned: Horizontal, place_ned_m: Horizontal) -> Option<Sighting> {
+        let at = bearing.time;
         let since = *self.since.get_or_insert(at);
-        self.direction = self.direction.plus(direction_ned);
-        self.place = self.place.plus(place_ned_m);
-        self.variance += sigma_rad * sigma_rad;
-        self.count += 1.0;
+        let alike_rad2 = bearing.alike_rad() * bearing.alike_rad();
+        let noise_rad2 = bearing.sigma_rad * bearing.sigma_rad - alike_rad2;
+        // When the list is full, it is left out.
+        let _ = self.heard.push(Heard { direction_ned, place_ned_m, noise_rad2, alike_rad2 });
         if at.seconds_since(since) < SIGHTING_S {
             return None;
         }
-        let share = 1.0 / self.count;
-        let norm = self.direction.norm();
-        let sighting = (norm > 1e-3).then(|| Sighting {
-            place_ned_m: self.place.times(share),
-            direction_ned: self.direction.times(1.0 / norm),
-            // The variance of a mean.
-            sigma_rad: sqrt(self.variance) * share,
-            since_s: self.last_sighting.map_or(0.0, |last| at.seconds_since(last)),
-        });
-        *self = Self { last_sighting: Some(at), ..Self::default() };
+        let sighting = self.sighting(self.last_sighting.map_or(0.0, |last| at.seconds_since(last)));
+        self.heard.clear();
+        (self.since, self.last_sighting) = (None, Some(at));
         sighting
+    }
+
+    /// The mean of those that agree.
+    fn sighting(&self, since_s: f32) -> Option<Sighting> {
+        let (mut middle, mut most) = (self.heard.first()?, 0);
+        for one in &self.heard {
+            let count = self.heard.iter().filter(|other| one.agrees(other)).count();
+            if count > most {
+                (middle, most) = (one, count);
+            }
+        }
+        let (mut direction, mut place) = (Horizontal::default(), Horizontal::default());
+        let (mut noise_rad2, mut alike_rad2) = (0.0, 0.0);
+        for one in self.heard.iter().filter(|one| middle.agrees(one)) {
+            direction = direction.plus(one.direction_ned);
+            place = place.plus(one.place_ned_m);
+            noise_rad2 += one.noise_rad2;
+            alike_rad2 += one.alike_rad2;
+        }
+        let (share, norm) = (1.0 / most as f32, direction.norm());
+        (norm > 1e-3).then(|| Sighting {
+            place_ned_m: place.times(share),
+            direction_ned: direction.times(1.0 / norm),
+            sigma_rad: sqrt(share * (share * noise_rad2 + ALIKE_SIGHTINGS * alike_rad2)),
+            since_s,
+        })
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::doa::bearing::{Flags, Quality};
+
+    const NORTH: Horizontal = Horizontal { north: 1.0, east: 0.0 };
+
+    fn bearing(k: u64, sigma_rad: f32, flags: Flags) -> Bearing {
+        Bearing { sigma_rad, ..Bearing::without(Instant(k * 20_000), Quality::default(), flags) }
+    }
 
     #[test]
     fn six_bearings_at_50_hz_become_one_with_the_variance_of_their_mean() {
@@ -62,12 +110,38 @@ mod tests {
         for k in 0..13_u64 {
             let north = Horizontal { north: k as f32, east: 0.0 };
             let turned = Horizontal::from_bearing(if k % 2 == 0 { 0.1 } else { -0.1 });
-            sightings.extend(gathering.add(Instant(k * 20_000), turned, north, 0.06));
+            sightings.extend(gathering.add(&bearing(k, 0.06, Flags::default()), turned, north));
         }
         assert_eq!(sightings.len(), 2);
         let [first, second] = [sightings[0], sightings[1]];
         assert!((first.place_ned_m.north - 2.5).abs() < 1e-5 && first.direction_ned.bearing_rad().abs() < 1e-5);
         assert!((first.sigma_rad - 0.06 / 6.0_f32.sqrt()).abs() < 1e-5, "{first:?}");
         assert!(first.since_s == 0.0 && (second.since_s - 0.12).abs() < 1e-5, "{second:?}");
+    }
+
+    #[test]
+    fn outliers_that_do_not_agree_are_left_out() {
+        let mut gathering = Gathering::default();
+        let azimuths_rad = [2.0, 0.01, -0.01, -1.5, 0.01, -0.01];
+        let add = |(k, azimuth_rad): (usize, f32)| {
+            gathering.add(
+                &bearing(k as u64, 0.02, Flags::default()),
+                Horizontal::from_bearing(azimuth_rad),
+                Horizontal::default(),
+            )
+        };
+        let sighting = azimuths_rad.into_iter().enumerate().filter_map(add).next().unwrap();
+        assert!(sighting.direction_ned.bearing_rad().abs() < 1e-5, "{sighting:?}");
+        assert!((sighting.sigma_rad - 0.01).abs() < 1e-5, "of four: {sighting:?}");
+    }
+
+    #[test]
+    fn errors_by_other_paths_are_not_averaged_away() {
+        let sigma_rad = |flags: Flags| {
+            let mut gathering = Gathering::default();
+            let add = |k| gathering.add(&bearing(k, 0.1, flags), NORTH, Horizontal::default());
+            (0..6).filter_map(add).next().unwrap().sigma_rad
+        };
+        assert!(sigma_rad(Flags::MULTIPATH) > 0.2 && sigma_rad(Flags::default()) < 0.05);
     }
 }
