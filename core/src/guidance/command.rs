@@ -50,8 +50,7 @@ impl<const N: usize> Guidance<N> {
             // The altitude to hold next is the one where the landing ends.
             state.control.hold_down_m = None;
             situation.held_down_m = None;
-        } else if let Some(ownship) = &state.vehicle.ownship {
-            let down_m = ownship.position_ned_m.down;
+        } else if let Some(down_m) = situation.down_m {
             demand.down_mps = self.track.hold_altitude(*state.control.hold_down_m.get_or_insert(down_m), down_m);
         }
         if evades {

@@ -1,9 +1,9 @@
 //! The state machine above the chain: the outcome of a step, and the vehicle's behaviour.
 //!
 //! A problem in the world is not an error: it has one of these outcomes, the first that applies from the top. "Hold"
-//! is zero velocity within the acceleration limit, with the altitude kept and the setpoint stream continued; except
-//! for `StaleOwnship`, `StaleObstacles` and `Fault` the vehicle also gives way to moving obstacles
-//! ([`crate::control::evade`]). "None" leaves the stream to the link, which sends no motion outside of the mode and
+//! is zero velocity within the acceleration limit, with the altitude kept (except for `StaleOwnship`, whose altitude is
+//! not known) and the setpoint stream continued; except for `StaleOwnship`, `StaleObstacles` and `Fault` the vehicle also
+//! gives way to moving obstacles ([`crate::control::evade`]). "None" leaves the stream to the link, which sends no motion outside of the mode and
 //! sends nothing when the autopilot is silent.
 //!
 //! | outcome | condition | behaviour |

@@ -128,7 +128,9 @@ impl<const N: usize> Guidance<N> {
                 // Its position or its surroundings are not known well enough to give way.
                 let knows =
                     !matches!(decision.outcome, Outcome::StaleOwnship | Outcome::StaleObstacles | Outcome::Fault);
-                let (setpoint, _) = self.command(state, &demand, situation, knows);
+                // Nor is its altitude known well enough to be held.
+                let down_m = situation.down_m.filter(|_| decision.outcome != Outcome::StaleOwnship);
+                let (setpoint, _) = self.command(state, &demand, &GuardInput { down_m, ..*situation }, knows);
                 Command { setpoint, ..Command::default() }
             }
             Behaviour::Hold | Behaviour::Follow => self.follow(state, input, situation, decision),

@@ -244,6 +244,34 @@ fn the_altitude_held_is_the_first_one_heard_even_when_control_comes_before_it() 
     assert!((down_mps - 0.4).abs() < 1e-5, "0.8 a second of half a metre: {down_mps}");
 }
 
+#[test]
+fn without_a_fresh_position_nothing_is_commanded_up_or_down() {
+    let untold: fn(&mut Ownship) = |ownship| ownship.position_time = Instant(5_000_000);
+    let frozen: fn(&mut Ownship) = |ownship| {
+        ownship.position_ned_m = Ned { north: 3.0, east: 0.0, down: -4.8 };
+        ownship.velocity_ned_mps = Ned { north: 1.0, east: 0.0, down: 0.0 };
+    };
+    for (tell, within) in [(untold, 20), (frozen, 60)] {
+        let mut flight = Flight::new(&[], (30.0, 0.0));
+        let report = flight.run(8.0, |step, input| {
+            let Some(ownship) = &mut input.ownship else { return };
+            if step > 150 {
+                // It has sunk by 0.2 m, and climbs again.
+                ownship.position_ned_m.down = -4.8;
+            }
+            if step > 200 {
+                tell(ownship);
+            }
+        });
+        let down_mps = |step: usize| report.outputs[step].setpoint.velocity_ned_mps.down;
+        assert!((down_mps(200) + 0.16).abs() < 1e-5, "0.8 a second of 0.2 m: {}", down_mps(200));
+        let held = report.outputs.iter().position(|output| output.outcome == Outcome::StaleOwnship).unwrap();
+        assert!(held <= 200 + within, "{held}");
+        // 2 m/s2 take four steps.
+        assert!((held + 3..report.outputs.len()).all(|step| down_mps(step) == 0.0), "{}", down_mps(held + 3));
+    }
+}
+
 /// Flies for 4 s, receives a falsified ownship from then on; returns how far it went after that, in how many steps it
 /// held, and the reason.
 fn told_otherwise(every: u32, tell: impl Fn(&mut Ownship, &Ownship)) -> (f32, u32, Option<Stale>) {
