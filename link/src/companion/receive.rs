@@ -326,7 +326,10 @@ impl Companion {
         let now = self.now;
         if now >= self.settled_at {
             count(&mut self.counters.jumps);
-            self.telemetry.warn("Foxhound: position or heading jumped");
+            // An estimate that settles before control is given, or on the ground, is nothing to warn of.
+            if self.obeys() && !self.is_on_ground() {
+                self.telemetry.warn("Foxhound: position or heading jumped");
+            }
         }
         self.settled_at = now.plus_micros(UNSETTLED_US);
         self.yaw_rad = None;

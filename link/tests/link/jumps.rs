@@ -30,6 +30,24 @@ fn a_jump_of_the_position_holds_for_half_a_second_and_is_never_seen_by_guidance(
 }
 
 #[test]
+fn a_jump_is_told_once_control_is_given_and_not_before() {
+    for (autopilot, mode, elsewhere) in [(ARDUPILOT, GUIDED, 5), (PX4, OFFBOARD, 3 << 16)] {
+        let mut flight = Flight::of(autopilot);
+        for (mode, base_mode, is_told) in
+            [(elsewhere, DISARMED, false), (elsewhere, ARMED, false), (mode, DISARMED, false), (mode, ARMED, true)]
+        {
+            flight.bench.heartbeat = Some(heartbeat(autopilot, mode, base_mode));
+            flight.run(2.5);
+            let jumps = flight.bench.companion.counters().jumps;
+            flight.position[0] += 3.0;
+            let told = flight.texts(3.0).contains(&"Foxhound: position or heading jumped".to_owned());
+            assert_eq!(flight.bench.companion.counters().jumps, jumps + 1);
+            assert_eq!(told, is_told, "autopilot {autopilot}, mode {mode:#x}, base mode {base_mode:#x}");
+        }
+    }
+}
+
+#[test]
 fn a_turn_of_the_heading_turns_the_setpoints_and_not_what_guidance_knows() {
     for autopilot in BOTH {
         let mut flight = Flight::of(autopilot);
