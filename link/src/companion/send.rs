@@ -8,6 +8,7 @@ use foxhound_core::base::units::{DEG_PER_RAD, sin_cos, wrap_pi};
 use foxhound_core::control::guard::Setpoint;
 use foxhound_core::guidance;
 use foxhound_core::guidance::mission::Outcome;
+use foxhound_core::landing::Reason;
 use heapless::{Deque, String};
 
 use super::{Companion, Pace, Published, TIMESYNC_PERIOD_US, TYPE_MASK, TYPE_MASK_YAW, Yaw};
@@ -65,6 +66,8 @@ const LANDING_SIGMA_MAX: f32 = 0.5;
 /// An outcome that lasts this long is reported again, with advice for the pilot.
 const NO_SIGNAL_LONG_S: f32 = 30.0;
 const STALE_OBSTACLES_LONG_S: f32 = 15.0;
+/// Longer than the autopilot is asked to land.
+const NOT_LANDED_S: f32 = 6.0;
 /// The commanded yaw may lead the vehicle's by this much.
 const YAW_AHEAD_MAX_RAD: f32 = 0.5;
 
@@ -77,6 +80,8 @@ pub(super) struct Telemetry {
     bearing: Option<(Instant, f32, f32, Option<f32>)>,
     outcome: Option<(Outcome, Instant)>,
     stale: Option<Stale>,
+    /// Why the landing handed over, and whether the autopilot is asked to land.
+    ended: Option<(Reason, bool)>,
     lasting_told: bool,
     /// A text from the application, sent once there is an autopilot.
     notice: Option<String<NOTICE_BYTES>>,
@@ -103,6 +108,7 @@ impl Telemetry {
             bearing: None,
             outcome: None,
             stale: None,
+            ended: None,
             lasting_told: false,
             notice: None,
             cause: (Cause::None, Instant(0)),
@@ -134,6 +140,10 @@ impl Telemetry {
         if self.warnings.iter().all(|waiting| *waiting != text) {
             self.warnings.push_back(text).ok();
         }
+    }
+
+    fn asks_to_land(&self) -> bool {
+        self.ended.is_some_and(|(_, wants_land)| wants_land)
     }
 
     pub(super) fn wants_surroundings(&self, now: Instant) -> bool {
@@ -301,6 +311,7 @@ impl Companion {
             self.telemetry.lasting_told = false;
         }
         self.telemetry.stale = output.stale;
+        self.telemetry.ended = output.landing.and_then(|landing| Some((landing.reason?, landing.wants_land)));
         self.report_landing(output);
         if !is_due(now, &mut self.telemetry.due, TELEMETRY_PERIOD_US) {
             return;
@@ -432,9 +443,9 @@ impl Companion {
             self.tell(MavSeverity::MAV_SEVERITY_WARNING, &notice);
             return;
         }
-        let outcome = self.telemetry.outcome;
-        let stale = self.telemetry.stale;
-        let text = cause.text().or(outcome.map(|(outcome, _)| text(outcome, stale)));
+        let outcome = self.telemetry.outcome.map(|(outcome, _)| outcome);
+        let Telemetry { stale, ended, .. } = self.telemetry;
+        let text = cause.text().or(outcome.map(|outcome| text(outcome, stale, ended)));
         let is_settled = is_over(now, self.telemetry.cause.1, SETTLED_S);
         let is_quiet = self.autopilot.is_none() || cause == Cause::Paused && self.paused_aboard || !is_settled;
         // In turns, so that neither suppresses the other.
@@ -446,7 +457,7 @@ impl Companion {
             (MavSeverity::MAV_SEVERITY_WARNING, warning)
         } else if let Some(text) = text {
             self.telemetry.announced = Some(text);
-            (severity(cause, outcome.map(|(outcome, _)| outcome)), text)
+            (severity(cause, outcome, ended), text)
         } else if let Some(text) = self.lasting(cause) {
             self.telemetry.lasting_told = true;
             (MavSeverity::MAV_SEVERITY_CRITICAL, text)
@@ -500,6 +511,9 @@ impl Companion {
             Outcome::StaleObstacles if is_over(now, since, STALE_OBSTACLES_LONG_S) => {
                 Some("Foxhound: no obstacle data for 15 s, take over")
             }
+            Outcome::HandedOver if self.telemetry.asks_to_land() && is_over(now, since, NOT_LANDED_S) => {
+                Some("Foxhound: autopilot does not land, take over")
+            }
             _ => None,
         }
     }
@@ -533,8 +547,11 @@ fn is_critical(outcome: Outcome) -> bool {
     matches!(outcome, Outcome::Uncalibrated | Outcome::StaleOwnship | Outcome::StaleObstacles | Outcome::Fault)
 }
 
-fn severity(cause: Cause, outcome: Option<Outcome>) -> MavSeverity {
+fn severity(cause: Cause, outcome: Option<Outcome>, ended: Option<(Reason, bool)>) -> MavSeverity {
     match (cause, outcome) {
+        (Cause::None, Some(Outcome::HandedOver)) if matches!(ended, Some((Reason::Arrived, _))) => {
+            MavSeverity::MAV_SEVERITY_NOTICE
+        }
         (Cause::Unfit, _) | (Cause::None, Some(Outcome::Fault)) => MavSeverity::MAV_SEVERITY_CRITICAL,
         (Cause::NotInMode | Cause::OnGround | Cause::Paused | Cause::SwitchedOff, _)
         | (Cause::None, Some(Outcome::Nominal | Outcome::NotInControl | Outcome::Landed)) => {
@@ -544,7 +561,7 @@ fn severity(cause: Cause, outcome: Option<Outcome>) -> MavSeverity {
     }
 }
 
-fn text(outcome: Outcome, stale: Option<Stale>) -> &'static str {
+fn text(outcome: Outcome, stale: Option<Stale>, ended: Option<(Reason, bool)>) -> &'static str {
     match outcome {
         Outcome::StaleOwnship if stale == Some(Stale::VelocityContradicts) => {
             "Foxhound: velocity contradicts position, holds"
@@ -563,7 +580,24 @@ fn text(outcome: Outcome, stale: Option<Stale>) -> &'static str {
         Outcome::LinkLost => "Foxhound: autopilot is silent",
         Outcome::NotInControl => "Foxhound: waits for GUIDED or OFFBOARD, armed",
         Outcome::Fault => "Foxhound: internal fault",
-        Outcome::HandedOver => "Foxhound: arrived, hovers, take over",
+        Outcome::HandedOver => handed_over(ended),
         Outcome::Landed => "Foxhound: landed",
+    }
+}
+
+/// Why it hovers. At most [`NOTICE_BYTES`].
+fn handed_over(ended: Option<(Reason, bool)>) -> &'static str {
+    match ended {
+        Some((Reason::Arrived, true)) => "Foxhound: arrived, asks the autopilot to land",
+        Some((Reason::Arrived, false)) => "Foxhound: arrived, hovers, take over",
+        Some((Reason::NoPad, _)) => "Foxhound: no pad here, hovers, take over",
+        Some((Reason::PadLost, _)) => "Foxhound: pad lost, hovers, take over",
+        Some((Reason::NoCamera, _)) => "Foxhound: no picture, hovers, take over",
+        Some((Reason::NoHeight, _)) => "Foxhound: height unknown, hovers, take over",
+        Some((Reason::Ambiguous, _)) => "Foxhound: beacon not located, hovers, take over",
+        Some((Reason::SearchLimit, _)) => "Foxhound: beacon not found, hovers, take over",
+        Some((Reason::TimeLimit, _)) => "Foxhound: time limit, hovers, take over",
+        Some((Reason::Blocked, _)) => "Foxhound: path blocked, hovers, take over",
+        Some((Reason::Landed | Reason::NoOwnship, _)) | None => "Foxhound: hovers, take over",
     }
 }

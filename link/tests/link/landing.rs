@@ -88,11 +88,15 @@ fn only_a_reading_that_looks_down_is_a_height_and_it_is_no_obstacle() {
 }
 
 fn above_the_beacon(wants_land: bool) -> Output {
+    handed_over(Reason::Arrived, wants_land)
+}
+
+fn handed_over(reason: Reason, wants_land: bool) -> Output {
     let target = Target { place_ned_m: Ned { north: 1.0, east: 2.0, down: 0.0 }, sigma_m: 0.1, is_pad: false };
     let advice = landing::Output {
         stage: Stage::HandedOver,
         demand: None,
-        reason: Some(Reason::Arrived),
+        reason: Some(reason),
         target: Some(target),
         wants_land,
     };
@@ -174,4 +178,49 @@ fn the_pad_is_told_as_seen_where_targets_are_wanted() {
     }
     // VISION_OTHER, LOCAL_NED.
     assert!(told.len() >= 8 && told.iter().all(|it| *it == (3, 1, [2.0, 2.0, 0.0])), "{told:?}");
+}
+
+/// The texts of the next while, with their severity.
+fn told(bench: &mut Bench, seconds: f64) -> Vec<(u8, String)> {
+    bench.take_sent();
+    bench.run(seconds);
+    let text = |sent: Sent| match sent.message {
+        MavMessage::STATUSTEXT(text) => Some((text.severity, text.text.to_str().unwrap().to_owned())),
+        _ => None,
+    };
+    bench.take_sent().into_iter().filter_map(text).collect()
+}
+
+#[test]
+fn the_pilot_reads_why_it_hovers() {
+    const NOTICE: u8 = 5;
+    const WARNING: u8 = 4;
+    for (reason, severity, text) in [
+        (Reason::Arrived, NOTICE, "Foxhound: arrived, hovers, take over"),
+        (Reason::NoPad, WARNING, "Foxhound: no pad here, hovers, take over"),
+        (Reason::PadLost, WARNING, "Foxhound: pad lost, hovers, take over"),
+        (Reason::NoCamera, WARNING, "Foxhound: no picture, hovers, take over"),
+        (Reason::NoHeight, WARNING, "Foxhound: height unknown, hovers, take over"),
+        (Reason::Ambiguous, WARNING, "Foxhound: beacon not located, hovers, take over"),
+        (Reason::SearchLimit, WARNING, "Foxhound: beacon not found, hovers, take over"),
+        (Reason::TimeLimit, WARNING, "Foxhound: time limit, hovers, take over"),
+        (Reason::Blocked, WARNING, "Foxhound: path blocked, hovers, take over"),
+    ] {
+        let mut bench = Bench::flying();
+        bench.answers = true;
+        bench.run(2.0);
+        bench.output = Some(handed_over(reason, false));
+        assert_eq!(told(&mut bench, 20.0), [(severity, text.to_owned())], "{reason:?}");
+    }
+}
+
+#[test]
+fn the_pilot_reads_that_the_autopilot_is_asked_to_land_and_when_it_does_not() {
+    let mut bench = Bench::flying();
+    bench.answers = true;
+    bench.run(2.0);
+    bench.output = Some(above_the_beacon(true));
+    let asks = "Foxhound: arrived, asks the autopilot to land".to_owned();
+    assert_eq!(told(&mut bench, 5.0), [(5, asks)]);
+    assert_eq!(told(&mut bench, 20.0), [(2, "Foxhound: autopilot does not land, take over".to_owned())]);
 }
