@@ -252,6 +252,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
             progress.show(news);
             if let (Some(watched), Some(moment)) = (&mut watched, moment) {
                 watched.watch(moment);
+            progress.tell_text(news);
             }
             if let (Some(foxglove), Some(moment)) = (&mut foxglove, moment) {
                 foxglove.watch(moment);
@@ -309,6 +310,8 @@ struct Progress {
     state: String,
     shown_s: f64,
 }
+    /// The last text for the pilot.
+    told: String,
 
 /// On a terminal the line changes so often; elsewhere no more lines are written than that.
 const PERIOD_S: f64 = 0.5;
@@ -323,7 +326,7 @@ impl Progress {
                 Err(_) => bar,
             }
         });
-        Self { address, is_quiet, bar, eyes: None, state: String::new(), shown_s: 0.0 }
+        Self { address, is_quiet, bar, eyes: None, told: String::new(), state: String::new(), shown_s: 0.0 }
     }
 
     fn text(&self, text: &str) {
@@ -359,10 +362,24 @@ impl Progress {
             Eyes::Nobody => format!("warning: --obstacles none: no obstacle sensor, {holds}"),
         };
         if !self.is_quiet || matches!(eyes, Eyes::SimulatedEmpty | Eyes::Nobody) {
-            match &self.bar {
-                Some(bar) => bar.suspend(|| warn(&told)),
-                None => warn(&told),
-            }
+            self.note(&told);
+        }
+    }
+
+    /// Repeats what the pilot is told.
+    fn tell_text(&mut self, news: &News) {
+        let told = news.told.as_ref().and_then(|text| text.to_str().ok()).unwrap_or_default();
+        if !self.is_quiet && told != self.told {
+            told.clone_into(&mut self.told);
+            self.note(told);
+        }
+    }
+
+    /// A line that stays.
+    fn note(&self, text: &str) {
+        match &self.bar {
+            Some(bar) => bar.suspend(|| warn(text)),
+            None => warn(text),
         }
     }
 

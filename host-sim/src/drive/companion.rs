@@ -26,7 +26,8 @@ use foxhound_core::doa::bearing::{Bearing, Estimator};
 use foxhound_core::guidance::mission::{Behaviour, Outcome};
 use foxhound_core::guidance::{self, FrontEnd};
 use foxhound_core::planning::planner;
-use foxhound_link::companion::Autopilot;
+use foxhound_link::CharArray;
+use foxhound_link::companion::{Autopilot, NOTICE_BYTES};
 use foxhound_link::signing::Key;
 
 use super::computer::{BLOCK, Computer, StepReport};
@@ -228,6 +229,8 @@ pub struct News {
     /// The step's outcome.
     pub outcome: Outcome,
     /// Who provides the obstacles.
+    /// The last text that the computer sent the pilot.
+    pub told: Option<CharArray<NOTICE_BYTES>>,
     pub eyes: Eyes,
     /// Horizontal distance to the beacon, while the autopilot reports the vehicle's position.
     pub distance_m: Option<f64>,
@@ -436,6 +439,7 @@ impl Flight<'_, '_> {
                 world,
                 motion,
                 sample,
+                told: self.wire.told(),
                 output,
                 computer,
                 frame: snapshot.as_deref(),

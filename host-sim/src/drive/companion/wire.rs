@@ -5,7 +5,7 @@
 //! velocity in its place.
 
 use foxhound_core::base::time::Instant;
-use foxhound_link::companion::{Autopilot, TYPE_MASK};
+use foxhound_link::companion::{Autopilot, NOTICE_BYTES, TYPE_MASK};
 use foxhound_link::dialect::{
     COMMAND_LONG_DATA, MavCmd, MavFrame, MavMessage, MavSeverity, SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA,
 };
@@ -27,6 +27,8 @@ pub(super) struct Wire {
     moves: bool,
     /// When a setpoint last asked for motion.
     moved: Instant,
+    /// The computer's last text for the pilot.
+    told: Option<CharArray<NOTICE_BYTES>>,
     /// Number of what the driver says next.
     said: u8,
     /// Where there is a key, the driver signs, too: by a link of its own, since the computer counts on its.
@@ -49,11 +51,15 @@ impl Wire {
                 }
                 let (header, message) = (frame.header, frame.message());
                 self.sequence = header.sequence;
-                if let Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) = message {
-                    self.moves = [target.vx, target.vy, target.vz, target.yaw_rate].iter().any(|v| *v != 0.0);
-                    if self.moves {
-                        self.moved = now;
+                match message {
+                    Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) => {
+                        self.moves = [target.vx, target.vy, target.vz, target.yaw_rate].iter().any(|v| *v != 0.0);
+                        if self.moves {
+                            self.moved = now;
+                        }
                     }
+                    Some(MavMessage::STATUSTEXT(text)) => self.told = Some(text.text),
+                    _ => {}
                 }
             }
         }
@@ -62,6 +68,11 @@ impl Wire {
     /// Whether the last setpoint asks for motion.
     pub(super) const fn moves(&self) -> bool {
         self.moves
+    }
+
+    /// The computer's last text for the pilot.
+    pub(super) const fn told(&self) -> Option<CharArray<NOTICE_BYTES>> {
+        self.told
     }
 
     /// Since when no setpoint has asked for motion.
