@@ -25,6 +25,7 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::{Bearing, Estimator};
 use foxhound_core::guidance::mission::{Behaviour, Outcome};
 use foxhound_core::guidance::{self, FrontEnd};
+use foxhound_core::landing::Reason;
 use foxhound_core::planning::planner;
 use foxhound_link::CharArray;
 use foxhound_link::companion::{Autopilot, NOTICE_BYTES};
@@ -228,9 +229,9 @@ pub struct News {
     pub hears_mavlink_1: bool,
     /// The step's outcome.
     pub outcome: Outcome,
-    /// Who provides the obstacles.
     /// The last text that the computer sent the pilot.
     pub told: Option<CharArray<NOTICE_BYTES>>,
+    /// Who provides the obstacles.
     pub eyes: Eyes,
     /// Horizontal distance to the beacon, while the autopilot reports the vehicle's position.
     pub distance_m: Option<f64>,
@@ -306,7 +307,7 @@ pub fn fly(
         started_us: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_micros() as u64),
         complaints: Vec::new(),
         told: None,
-        arrival: Arrival { ends: config.ends, since: None },
+        arrival: Arrival::new(config.ends),
     };
     let mut pace = Pace::new(Duration::from_micros((TICK_S * 1e6) as u64));
     let (ending, reason) = flight.fly(computer, &mut pace, stop, watch);
@@ -336,12 +337,21 @@ struct Flight<'a, 'b> {
 struct Arrival {
     ends: Ends,
     since: Option<Instant>,
+    /// It is at the beacon or on the pad, and has not handed over for another reason.
+    is_there: bool,
 }
 
 impl Arrival {
-    fn step(&mut self, now: Instant, outcome: Outcome) {
+    const fn new(ends: Ends) -> Self {
+        Self { ends, since: None, is_there: false }
+    }
+
+    fn step(&mut self, now: Instant, outcome: Outcome, reason: Option<Reason>) {
         match outcome {
-            Outcome::HandedOver | Outcome::Landed => _ = self.since.get_or_insert(now),
+            Outcome::HandedOver | Outcome::Landed => {
+                self.since.get_or_insert(now);
+                self.is_there = matches!(reason, Some(Reason::Arrived | Reason::Landed));
+            }
             // The autopilot was asked to land and is landing, or the pilot took over.
             Outcome::NotInControl => {}
             _ => self.since = None,
@@ -381,12 +391,13 @@ impl Flight<'_, '_> {
         mut watch: impl FnMut(&News, Option<&Moment<'_>>),
     ) -> (Ending, Outcome) {
         let mut outcome = Outcome::LinkLost;
+        let mut reason = None;
         let mut brake: Option<Brake> = None;
         loop {
             let now = pace.wait();
             let mut rx = self.hear(now);
             let fix = self.senses.fix(now);
-            self.arrival.step(now, outcome);
+            self.arrival.step(now, outcome, reason);
             let in_control = self.senses.is_in_control(now);
             self.tally.step(now, self.senses.world(), fix.as_ref(), in_control);
             self.tell_eyes(computer, now, in_control);
@@ -419,6 +430,7 @@ impl Flight<'_, '_> {
                 }
             };
             outcome = report.output.outcome;
+            reason = report.output.landing.and_then(|landing| landing.reason);
             let time_s = now.0 as f64 * 1e-6;
             let news = News {
                 time_s,
@@ -427,6 +439,7 @@ impl Flight<'_, '_> {
                 is_disbelieved: self.senses.disbelieves(),
                 hears_mavlink_1: self.senses.hears_mavlink_1(),
                 outcome,
+                told: self.wire.told(),
                 eyes: self.senses.eyes(),
                 distance_m: fix
                     .filter(|_| self.config.is_source_known)
@@ -439,7 +452,6 @@ impl Flight<'_, '_> {
                 world,
                 motion,
                 sample,
-                told: self.wire.told(),
                 output,
                 computer,
                 frame: snapshot.as_deref(),
@@ -481,7 +493,8 @@ impl Flight<'_, '_> {
         let (ending, reason) = if self.tally.collided() {
             (Ending::Collision, outcome)
         } else if fix.is_some_and(arrived) {
-            (Ending::Reached, Outcome::Nominal)
+            let is_there = self.config.ends == Ends::Near || self.arrival.is_there;
+            if is_there { (Ending::Reached, Outcome::Nominal) } else { (Ending::Hold, Outcome::HandedOver) }
         } else if outcome == Outcome::GoalUnreachable && self.tally.is_still(now) {
             (Ending::Hold, outcome)
         } else if stop.load(Ordering::Relaxed) {

@@ -5,7 +5,7 @@ use foxhound_link::dialect::MavMessage;
 use foxhound_link::framer::Framer;
 
 use super::*;
-use crate::autopilot::{Autopilot, Proximity, Start, Told};
+use crate::autopilot::{Autopilot, GUIDED, Proximity, Start, Told};
 use crate::drive::computer::HostComputer;
 use crate::scenario::Software;
 use crate::world::random::Random;
@@ -66,6 +66,8 @@ struct Flown {
     time_s: f64,
     /// What the pilot was told.
     texts: Vec<String>,
+    /// Why the landing is where it is.
+    reason: Option<Reason>,
 }
 
 impl Flown {
@@ -86,6 +88,7 @@ impl Flown {
             config,
             time_s: 0.0,
             texts: Vec::new(),
+            reason: None,
         }
     }
 
@@ -97,6 +100,10 @@ impl Flown {
     fn place(&self) -> Horizontal {
         let [north, east, _] = self.vehicle.motion.pose.position_ned_m;
         Horizontal { north, east }
+    }
+
+    fn is_guided(&self) -> bool {
+        self.autopilot.custom_mode == GUIDED
     }
 
     /// What the loop in real time does in a step; says what came of it, and whether it has collided.
@@ -115,6 +122,7 @@ impl Flown {
         self.autopilot.receive(now_us, &motion, &report.tx);
         self.vehicle.step(self.autopilot.command(now_us), TICK_S);
         self.time_s += TICK_S;
+        self.reason = report.output.landing.and_then(|landing| landing.reason);
         let place = self.place();
         (report.output.outcome, self.hull.collides(&self.truth, place, 0.0))
     }
@@ -248,11 +256,11 @@ fn a_computer_that_is_to_hand_over_above_the_beacon_comes_to_it() {
     guidance.landing = Some(foxhound_core::landing::Config::default());
     assert_eq!(Ends::of(&guidance), Ends::HandedOver);
     flown.computer = HostComputer::new(&guidance).unwrap();
-    let mut arrival = Arrival { ends: Ends::HandedOver, since: None };
+    let mut arrival = Arrival::new(Ends::HandedOver);
     while flown.time_s < TIME_MAX_S {
         let (outcome, _) = flown.step();
         let now = Instant((flown.time_s * 1e6) as u64);
-        arrival.step(now, outcome);
+        arrival.step(now, outcome, flown.reason);
         if arrival.has_ended(now, true) {
             let off_m = flown.place().minus(Horizontal { north: SOURCE_M, east: 0.0 }).norm();
             assert!(off_m < ARRIVED_M, "{off_m} m off the beacon");
@@ -260,4 +268,40 @@ fn a_computer_that_is_to_hand_over_above_the_beacon_comes_to_it() {
         }
     }
     panic!("it has not handed over");
+}
+
+/// A flight to a beacon this far below the vehicle, whose computer is to have the autopilot land it there.
+fn landing(below_m: f64, seed: u64) -> Flown {
+    let mut flown = Flown::new(Provider::Unsaid, Vec::new(), seed);
+    let Config { source_ned_m: [north, east, down], snr_db, .. } = flown.config;
+    flown.config.source_ned_m = [north, east, down + below_m];
+    let world = flown.config.scenario().world();
+    flown.senses = Senses::new(flown.config.source_ned_m, snr_db, world, seed, None, &Provider::Unsaid).unwrap();
+    let landing = foxhound_core::landing::Config { request_land: true, ..foxhound_core::landing::Config::default() };
+    let guidance = guidance::Config { landing: Some(landing), ..flown.config.guidance() };
+    assert_eq!(Ends::of(&guidance), Ends::Landing);
+    flown.computer = HostComputer::new(&guidance).unwrap();
+    flown
+}
+
+#[test]
+fn above_or_below_the_beacon_the_autopilot_is_asked_to_land_and_level_with_it_the_pilot_reads_why_not() {
+    for (below_m, lands) in [(5.0, true), (2.0, true), (0.5, true), (0.0, false), (-0.5, true), (-1.0, true)] {
+        for seed in 1..=3 {
+            let mut flown = landing(below_m, seed);
+            let mut arrival = Arrival::new(Ends::Landing);
+            while !arrival.has_ended(Instant((flown.time_s * 1e6) as u64), flown.is_guided()) {
+                let outcome = flown.step();
+                arrival.step(Instant((flown.time_s * 1e6) as u64), outcome.0, flown.reason);
+                assert!(flown.time_s < TIME_MAX_S, "{below_m} m below, seed {seed}: {:?}", flown.texts);
+            }
+            let named = format!("{below_m} m below, seed {seed}, {:.1} s: {:?}", flown.time_s, flown.texts);
+            assert_eq!((arrival.is_there, !flown.is_guided()), (lands, lands), "{named}");
+            let text =
+                if lands { "arrived, asks the autopilot to land" } else { "beacon not located, hovers, take over" };
+            assert!(flown.texts.contains(&format!("Foxhound: {text}")), "{named}");
+            let off_m = flown.place().minus(Horizontal { north: SOURCE_M, east: 0.0 }).norm();
+            assert!(off_m < ARRIVED_M, "{off_m} m off the beacon; {named}");
+        }
+    }
 }

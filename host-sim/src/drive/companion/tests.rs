@@ -68,15 +68,17 @@ fn a_speed_that_is_not_flown_is_told() {
 fn a_flight_that_is_to_hand_over_ends_after_that_and_one_that_is_to_land_when_the_autopilot_has_been_asked() {
     let at = |ms: u64| Instant(ms * 1000);
     for (ends, last_ms) in [(Ends::HandedOver, 1_000), (Ends::Landing, 6_000)] {
-        let mut arrival = Arrival { ends, since: None };
-        arrival.step(at(0), Outcome::Nominal);
+        let mut arrival = Arrival::new(ends);
+        arrival.step(at(0), Outcome::Nominal, None);
         assert!(!arrival.has_ended(at(99_000), false), "the mode may be taken away on the way");
-        arrival.step(at(1_000), Outcome::HandedOver);
-        arrival.step(at(1_500), Outcome::HandedOver);
+        arrival.step(at(1_000), Outcome::HandedOver, Some(Reason::Ambiguous));
+        assert!(!arrival.is_there);
+        arrival.step(at(1_500), Outcome::HandedOver, Some(Reason::Arrived));
+        assert!(arrival.is_there);
         assert!(!arrival.has_ended(at(999 + last_ms), true) && arrival.has_ended(at(1_000 + last_ms), true));
-        arrival.step(at(1_600), Outcome::NotInControl);
-        assert!(arrival.has_ended(at(1_600), false), "the autopilot lands");
-        arrival.step(at(1_700), Outcome::Nominal);
+        arrival.step(at(1_600), Outcome::NotInControl, None);
+        assert!(arrival.has_ended(at(1_600), false) && arrival.is_there, "the autopilot lands");
+        arrival.step(at(1_700), Outcome::Nominal, None);
         assert!(!arrival.has_ended(at(9_000), true), "a fresh entry seeks anew");
     }
 }
