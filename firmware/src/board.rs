@@ -187,7 +187,12 @@ pub trait Pacer {
 #[derive(Debug)]
 pub enum Call<'a> {
     /// Start anew with this configuration.
-    Setup(&'a guidance::Config),
+    Setup {
+        /// The configuration.
+        config: &'a guidance::Config,
+        /// The mode has to be entered before guidance has control.
+        needs_entry: bool,
+    },
     /// One step of the fast loop.
     Step(Step<'a>),
 }

@@ -43,7 +43,7 @@ fn run(elf: &Path, files: &[PathBuf]) -> Result<(), Box<dyn std::error::Error>> 
     for scenario in scenarios {
         let (planner, estimator) = (planner::Config::default(), Estimator::CrossSpectrum);
         let mission = Mission { scenario, seed: 1, planner, estimator };
-        let mut computer = QemuComputer::start(elf, &Setup { guidance: mission.guidance() })?;
+        let mut computer = QemuComputer::start(elf, &Setup { guidance: mission.guidance(), needs_entry: false })?;
         let record = flight::fly(&mission, &mut computer, None, |_| {})?;
         let result = serde_json::to_value(record.report.result)?;
         row(&record.report.name, result.as_str().unwrap_or_default(), computer.worst());

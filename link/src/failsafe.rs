@@ -158,7 +158,7 @@ impl Cause {
             Self::NotInMode => Some("Foxhound: waits for GUIDED or OFFBOARD, armed"),
             Self::OnGround => Some("Foxhound: waits for take-off"),
             Self::StoreDamaged => Some("Foxhound: stored record damaged, does not move"),
-            Self::EntryNeeded => Some("Foxhound: enter the mode again"),
+            Self::EntryNeeded => Some("Foxhound: leave the mode and enter it again"),
             Self::SwitchedOff => Some("Foxhound: switched off by RC"),
             Self::Paused => Some("Foxhound: paused"),
             Self::BatteryCritical => Some("Foxhound: battery critical, holds"),

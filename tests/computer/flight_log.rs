@@ -86,7 +86,7 @@ fn host(mission: &Mission) -> Box<dyn Computer> {
 }
 
 fn twin(mission: &Mission) -> Box<dyn Computer> {
-    let setup = Setup { guidance: mission.guidance() };
+    let setup = Setup { guidance: mission.guidance(), needs_entry: false };
     Box::new(QemuComputer::start(Path::new(&qemu_image()), &setup).unwrap())
 }
 
@@ -233,7 +233,7 @@ impl Computer for Starved {
 fn plans_that_come_late_are_handed_in_at_their_steps_again() {
     let mission = mission(Scenario::built_in());
     let undisturbed = flown(&mission, host(&mission)).1;
-    let setup = Setup { guidance: mission.guidance() };
+    let setup = Setup { guidance: mission.guidance(), needs_entry: false };
     let starved = Starved(QemuComputer::start(Path::new(&qemu_image()), &setup).unwrap());
     let (_, trace_hash, summary) = flown(&mission, Box::new(starved));
     assert!(summary.is_identical(), "{summary:?}");

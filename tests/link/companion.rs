@@ -26,6 +26,7 @@ use serde_json::Value;
 
 const STEP_US: u64 = 10_000;
 const LOITER: u32 = 5;
+const ENTER_AGAIN: &str = "Foxhound: leave the mode and enter it again";
 const SOURCE: [f64; 2] = [8.0, 0.0];
 const V_MAX: f32 = 2.0;
 /// North, east, radius.
@@ -55,6 +56,8 @@ impl Told {
 pub(crate) struct Heard {
     setpoints: Vec<Told>,
     heartbeats: u32,
+    /// Texts for the pilot.
+    texts: Vec<String>,
     /// Commands that were sent to the autopilot.
     commands: Vec<u16>,
     /// Where the vehicle is, and how fast.
@@ -76,13 +79,20 @@ pub(crate) struct Bench {
     pub(crate) address: String,
     heard: Arc<Mutex<Heard>>,
     custom_mode: Arc<Mutex<u32>>,
+    gives: Arc<AtomicBool>,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Bench {
+    /// In LOITER, with a pilot who gives control once a companion is heard.
     pub(crate) fn new(listen: &str) -> Self {
-        Self::at(listen, [0.0, 0.0, -5.0], GUIDED)
+        Self::at(listen, [0.0, 0.0, -5.0], LOITER).that_gives()
+    }
+
+    fn that_gives(self) -> Self {
+        self.gives.store(true, Ordering::Relaxed);
+        self
     }
 
     fn at(listen: &str, position_ned_m: [f64; 3], custom_mode: u32) -> Self {
@@ -93,8 +103,9 @@ impl Bench {
     fn on(mut line: Line, address: String, position_ned_m: [f64; 3], custom_mode: u32) -> Self {
         let heard = Arc::new(Mutex::new(Heard { position_ned_m, min_clearance_m: f64::INFINITY, ..Heard::default() }));
         let custom_mode = Arc::new(Mutex::new(custom_mode));
-        let stop = Arc::new(AtomicBool::new(false));
-        let (ours, mode, stopped) = (Arc::clone(&heard), Arc::clone(&custom_mode), Arc::clone(&stop));
+        let [gives, stop] = [false; 2].map(|flag| Arc::new(AtomicBool::new(flag)));
+        let (ours, mode) = (Arc::clone(&heard), Arc::clone(&custom_mode));
+        let (is_given, stopped) = (Arc::clone(&gives), Arc::clone(&stop));
         let thread = std::thread::spawn(move || {
             let model = scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario::Vehicle::default() };
             let mut vehicle = Vehicle::new(model, 2.0, Pose { position_ned_m, ..Pose::default() });
@@ -106,6 +117,10 @@ impl Bench {
                 let rx = line.read();
                 let mut heard = ours.lock().unwrap();
                 listen(&mut heard, &mut framer, &rx, autopilot.custom_mode == GUIDED);
+                // By then the companion has heard that it is not in control.
+                if heard.heartbeats >= 3 && is_given.swap(false, Ordering::Relaxed) {
+                    *mode.lock().unwrap() = GUIDED;
+                }
                 autopilot.receive(now_us, &vehicle.motion, &rx);
                 while flown_us + STEP_US <= now_us {
                     vehicle.step(autopilot.command(now_us), STEP_US as f64 * 1e-6);
@@ -128,7 +143,7 @@ impl Bench {
                 }
             }
         });
-        Self { address, heard, custom_mode, stop, thread: Some(thread) }
+        Self { address, heard, custom_mode, gives, stop, thread: Some(thread) }
     }
 
     /// What it has heard and where it is, for a thread beside.
@@ -177,6 +192,7 @@ fn listen(heard: &mut Heard, framer: &mut Framer, mut bytes: &[u8], in_mode: boo
                     assert_eq!((beat.mavtype, beat.autopilot), (18, 8));
                     heard.heartbeats += 1;
                 }
+                Some(MavMessage::STATUSTEXT(text)) => heard.texts.push(text.text.to_str().unwrap().to_owned()),
                 Some(MavMessage::COMMAND_LONG(command)) => heard.commands.push(command.command),
                 Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) => {
                     assert_eq!((target.type_mask, target.coordinate_frame), (0x05C7, 1));
@@ -290,7 +306,7 @@ fn an_autopilot_that_sends_first_is_answered() {
     let address = format!("udp:127.0.0.1:{port}");
     let companion = start(&address, &["--source=4,0,-5"]);
     let line = Line::open(&format!("udpout:127.0.0.1:{port}").parse().unwrap()).unwrap();
-    let bench = Bench::on(line, address, [0.0, 0.0, -5.0], GUIDED);
+    let bench = Bench::on(line, address, [0.0, 0.0, -5.0], LOITER).that_gives();
     let (code, report) = ended(companion);
     assert_eq!((code, &report["result"]), (0, &"reached".into()), "{report}");
     well_behaved(&bench.heard());
@@ -314,6 +330,25 @@ fn it_waits_for_the_mode_holds_when_it_is_taken_away_and_goes_on_when_it_is_give
     let later = bench.heard();
     assert!(later.setpoints[count..].iter().all(|told| told.horizontal_mps() <= 0.05));
     assert!((later.position_ned_m[0] - taken.position_ned_m[0]).abs() < 0.1, "it is not ours");
+    bench.switch(GUIDED);
+    let (code, report) = ended(companion);
+    assert_eq!((code, &report["result"]), (0, &"reached".into()), "{report}");
+    well_behaved(&bench.heard());
+}
+
+/// Started while the vehicle is in the mode already, as after a restart in flight, it holds until the mode is left and entered
+/// again, and tells the pilot so.
+#[test]
+fn started_in_the_mode_it_holds_until_the_mode_is_entered_again() {
+    let _machine = share_machine();
+    let bench = Bench::at("tcp:127.0.0.1:0", [0.0, 0.0, -5.0], GUIDED);
+    let companion = start(&bench.address, &["--source=6,0,-5"]);
+    let heard = bench.wait("a text", |heard| heard.texts.iter().any(|text| text == ENTER_AGAIN));
+    let later = bench.wait("three seconds", |later| later.heartbeats >= heard.heartbeats + 3);
+    assert!(later.setpoints.len() > 40 && later.setpoints.iter().all(Told::is_zero), "{:?}", later.setpoints.last());
+    assert!(later.position_ned_m[0].abs() < 0.05, "{:?}", later.position_ned_m);
+    bench.switch(LOITER);
+    bench.wait("two heartbeats", |heard| heard.heartbeats >= later.heartbeats + 2);
     bench.switch(GUIDED);
     let (code, report) = ended(companion);
     assert_eq!((code, &report["result"]), (0, &"reached".into()), "{report}");
@@ -363,7 +398,7 @@ fn interrupted_it_stops_the_vehicle_first() {
 fn at_the_time_limit_it_stops_the_vehicle_and_says_so() {
     let _machine = share_machine();
     let bench = Bench::new("udp:127.0.0.1:0");
-    let (code, report) = ended(start(&bench.address, &["--source=40,0,-5", "--max-time", "4"]));
+    let (code, report) = ended(start(&bench.address, &["--source=40,0,-5", "--max-time", "7"]));
     assert_eq!((code, &report["result"], &report["reason"]), (1, &"timeout".into(), &"nominal".into()), "{report}");
     well_behaved(&bench.heard());
     let (code, report) =
@@ -394,8 +429,11 @@ fn tried_with(software: &str) {
         .unwrap();
     let mut lines = BufReader::new(autopilot.stdout.take().unwrap()).lines();
     let first: Value = serde_json::from_str(&lines.next().unwrap().unwrap()).unwrap();
-    let (code, report) = ended(start(first["autopilot"].as_str().unwrap(), &["--source=-3,-3,-7"]));
-    assert_eq!((code, &report["result"]), (0, &"reached".into()), "{report}");
+    // One companion after another: each is given control afresh.
+    for source in ["--source=1,2,-7", "--source=-3,-3,-7"] {
+        let (code, report) = ended(start(first["autopilot"].as_str().unwrap(), &[source]));
+        assert_eq!((code, &report["result"]), (0, &"reached".into()), "{report}");
+    }
     interrupt(&autopilot);
     let last: Value = serde_json::from_str(&lines.next().unwrap().unwrap()).unwrap();
     assert!(autopilot.wait().unwrap().success() && lines.next().is_none());

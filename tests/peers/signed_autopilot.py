@@ -1,6 +1,7 @@
 """pymavlink in the place of an autopilot that signs, and believes nothing that is not signed with the same key.
 
-The first line is `{"port": N}`, where it can be reached by UDP. It is in GUIDED and armed, and goes where it is told to.
+The first line is `{"port": N}`, where it can be reached by UDP. It is armed, in GUIDED from 2 s after it has heard somebody, and
+goes where it is told to.
 It ends when its standard input does, and says then what it took and what it refused.
 
 Usage: signed_autopilot.py KEY, in hexadecimal digits
@@ -18,7 +19,8 @@ os.environ["MAVLINK20"] = "1"
 from pymavlink.dialects.v20 import ardupilotmega as mavlink  # noqa: E402
 
 STEP_S = 0.02
-GUIDED = 4
+LOITER, GUIDED = 5, 4
+GIVEN_AFTER_S = 2.0
 # 2015-01-01 in the time of Unix.
 EPOCH_S = 1420070400
 
@@ -34,6 +36,7 @@ is_over = threading.Event()
 threading.Thread(target=lambda: (os.read(0, 1), is_over.set()), daemon=True).start()
 print(json.dumps({"port": wire.getsockname()[1]}), flush=True)
 
+heard_at = None
 companion, taken, refused, texts, fastest_mps = None, {}, 0, [], 0.0
 position, velocity = [0.0, 0.0, -5.0], [0.0, 0.0, 0.0]
 yaw, yaw_rate = 0.0, 0.0
@@ -67,13 +70,15 @@ while not is_over.is_set():
     try:
         while True:
             data, companion = wire.recvfrom(4096)
+            heard_at = heard_at or time.monotonic()
             hear(data)
     except BlockingIOError:
         pass
     boot_ms = int(step * STEP_S * 1000)
     if step % 50 == 0:
         armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED | mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        say(mavlink.MAVLink_heartbeat_message(2, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, armed, GUIDED, 4, 3))
+        mode = GUIDED if heard_at and time.monotonic() > heard_at + GIVEN_AFTER_S else LOITER
+        say(mavlink.MAVLink_heartbeat_message(2, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, armed, mode, 4, 3))
     say(mavlink.MAVLink_local_position_ned_message(boot_ms, *position, *velocity))
     say(mavlink.MAVLink_attitude_message(boot_ms, 0, 0, yaw, 0, 0, yaw_rate))
     position = [x + v * STEP_S for x, v in zip(position, velocity)]

@@ -56,7 +56,7 @@ struct Seeker {
 impl Seeker {
     fn under_way() -> Self {
         let scenario = Scenario { obstacles: Vec::new(), goal: [0.0, 60.0], ..Scenario::default() };
-        let setup = Setup { guidance: Trial::guidance(&scenario, 3) };
+        let setup = Setup { guidance: Trial::guidance(&scenario, 3), needs_entry: false };
         let computer = QemuComputer::start_quick(&PathBuf::from(qemu_image()), &setup).unwrap();
         let mut trial = Trial::with(computer, &scenario, Software::ArduCopter, Start::Hovering, Clocks::default(), 3);
         trial.rig.autopilot.set_parameter("GUID_TIMEOUT", 1.0);

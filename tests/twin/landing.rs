@@ -28,7 +28,9 @@ fn both(mission: &Mission, is_on_line: bool) {
     let mut host = HostComputer::new(&mission.guidance()).unwrap();
     let here = flight::fly(mission, &mut host, None, |_| ()).unwrap().report;
     assert_eq!(here.landing.unwrap().stage, Stage::Landed, "{here:?}");
-    let mut twin = QemuComputer::start(Path::new(&qemu_image()), &Setup { guidance: mission.guidance() }).unwrap();
+    let mut twin =
+        QemuComputer::start(Path::new(&qemu_image()), &Setup { guidance: mission.guidance(), needs_entry: false })
+            .unwrap();
     if is_on_line {
         twin.put_camera_on_line();
     }

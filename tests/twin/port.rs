@@ -104,7 +104,7 @@ fn frames_come_out_of_the_port_as_they_went_in() {
     let out = dir.path().join("frames.npy");
     // It may have to be built first, and the image does not wait for that.
     let mut command = foxhound();
-    let setup = Setup { guidance: guidance::Config::default() };
+    let setup = Setup { guidance: guidance::Config::default(), needs_entry: false };
     let mut twin = QemuComputer::start(Path::new(&qemu_image()), &setup).unwrap();
     twin.keep_port();
     let (mut terminal, address) = Line::listen(&Listen::Pty).unwrap();

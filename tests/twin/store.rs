@@ -129,7 +129,7 @@ impl Twin {
 }
 
 fn setup() -> Setup {
-    Setup { guidance: guidance::Config::default() }
+    Setup { guidance: guidance::Config::default(), needs_entry: false }
 }
 
 fn frame<D: MessageData>(header: Header, message: &D) -> Vec<u8> {

@@ -28,7 +28,10 @@ const CELLS: [(&str, &str); 13] = [
     ("mode_stolen", "the pilot holds for 5 s and gives back; reached"),
     ("link_dropped", "nothing passes between companion and autopilot for 3 s; reached"),
     ("autopilot_restarted", "killed in flight, started anew, taken off, given back; reached"),
-    ("companion_restarted", "killed in flight, started anew after 2 s; reached"),
+    (
+        "companion_restarted",
+        "killed in flight, started anew after 2 s; ArduPilot: stands until its pilot enters the mode again; PX4 leaves and enters it by itself; reached",
+    ),
     ("battery", "critical, the autopilot's own action off: holds"),
     ("fence", "breached; ArduPilot only tells, PX4 holds: stands"),
     ("signing", "both sides sign; every frame of the companion is signed; reached"),

@@ -103,6 +103,8 @@ const CODES_FROM: usize = 2048;
 pub struct Setup {
     /// The whole chain.
     pub guidance: guidance::Config,
+    /// The mode has to be entered before guidance has control, as after a start on a vehicle.
+    pub needs_entry: bool,
 }
 
 /// A fault inside the twin in a step. Times are of its own clock, on which an instruction takes 256 ns.

@@ -99,10 +99,14 @@ fn too_many_circles_an_empty_block_and_an_impossible_length_are_refused() {
 
 #[test]
 fn a_setup_fits_its_block_and_comes_back() {
-    let setup = Setup { guidance: guidance::Config { seed: 0xfeed_beef_dead_0001, ..guidance::Config::default() } };
+    let setup = Setup {
+        guidance: guidance::Config { seed: 0xfeed_beef_dead_0001, ..guidance::Config::default() },
+        needs_entry: true,
+    };
     let mut block = [0; BLOCK_BYTES];
     setup.encode(&mut block).unwrap();
-    assert_eq!(Setup::decode(&block).unwrap().guidance.seed, setup.guidance.seed);
+    let back = Setup::decode(&block).unwrap();
+    assert_eq!((back.guidance.seed, back.needs_entry), (setup.guidance.seed, true));
 }
 
 #[test]

@@ -139,13 +139,13 @@ pub async fn guide<B: Board>(
             flight.companion.notify(trouble.chars().collect());
         }
         match pacer.next().await {
-            Call::Setup(config) => {
+            Call::Setup { config, needs_entry } => {
                 planning.settle().await;
                 let begun = flight.begin_anew(config);
                 if begun.is_ok() {
                     planning.begin_anew::<B>();
                     // A simulator that sets up a board for the first time may begin in the mode.
-                    let needs_entry = restart.cause != Cause::Power;
+                    let needs_entry = needs_entry || restart.cause != Cause::Power;
                     if needs_entry {
                         flight.companion.require_entry();
                     }

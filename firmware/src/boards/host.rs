@@ -288,7 +288,7 @@ impl board::Pacer for Pacer {
         // The tasks are polled without end, and need no waker.
         self.order = poll_fn(|_| lock(&WORLD.orders).pop_front().map_or(Poll::Pending, Poll::Ready)).await;
         match &self.order {
-            Order::Setup(config) => Call::Setup(config),
+            Order::Setup(config) => Call::Setup { config, needs_entry: false },
             Order::Step { now, frame, circles } => Call::Step(Step {
                 now: *now,
                 lock_step: Some(LockStep {

@@ -209,7 +209,7 @@ impl board::Pacer for Pacer {
                     match twin::Setup::decode(self.block) {
                         Ok(setup) => {
                             self.setup = setup.guidance;
-                            return Call::Setup(&self.setup);
+                            return Call::Setup { config: &self.setup, needs_entry: setup.needs_entry };
                         }
                         Err(error) => self.refuse(format_args!("{error}")),
                     }

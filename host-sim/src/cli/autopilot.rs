@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use foxhound_link::dialect::MavMessage;
+use foxhound_link::dialect::{MavMessage, MavType};
 use foxhound_link::framer::Framer;
 use foxhound_sim::autopilot::transport::{Line, Listen};
 use foxhound_sim::autopilot::{Autopilot, Start, Wire};
@@ -26,8 +26,8 @@ const AUTOPILOT_HELP: &str = "Examples:
   foxhound autopilot --listen pty --software px4 --begin hovering
   foxhound companion --autopilot tcp:127.0.0.1:5760 --source 8,0,-5
 
-It begins armed, in the air, in GUIDED (PX4: enters OFFBOARD as soon as a companion's stream lets it); a ground station may \
-change the mode, arm and take off as usual. It ends with Ctrl-C. With --json the first line has the address for \
+It begins armed, in the air, in LOITER or Hold. Its pilot gives control (GUIDED, OFFBOARD) 2 s after a companion is heard, and \
+takes it back when none is heard any more; a ground station may change the mode, arm and take off as usual. It ends with Ctrl-C. With --json the first line has the address for \
 `companion --autopilot`, the last one where the vehicle ended and which setpoints it received.";
 
 /// Physics go on in steps of this length.
@@ -39,6 +39,10 @@ const A_MAX_MPS2: f64 = 2.0;
 
 /// From one attempt to enter the companion's mode to the next.
 const PILOT_PERIOD_US: u64 = 500_000;
+/// The pilot gives control so long after a companion is heard: by then it knows that it is not in control.
+const GIVES_AFTER_US: u64 = 2_000_000;
+/// A companion that has been silent for so long is gone.
+const SILENT_US: u64 = 3_000_000;
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum SoftwareName {
@@ -48,7 +52,7 @@ enum SoftwareName {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Begin {
-    /// In the air, in GUIDED or OFFBOARD.
+    /// In the air; the pilot gives control to every companion that is heard.
     InControl,
     /// In the air, in LOITER or Hold.
     Hovering,
@@ -105,12 +109,17 @@ struct Ended {
 }
 
 impl Ended {
-    fn watch(&mut self, framer: &mut Framer, mut bytes: &[u8]) {
+    /// Whether a companion's heartbeat is among them.
+    fn watch(&mut self, framer: &mut Framer, mut bytes: &[u8]) -> bool {
+        let mut is_heard = false;
         while !bytes.is_empty() {
             bytes = &bytes[framer.push(bytes)..];
             while let Some(message) = framer.next_frame().map(|frame| frame.message()) {
                 match message {
-                    Some(MavMessage::HEARTBEAT(_)) => self.heartbeats += 1,
+                    Some(MavMessage::HEARTBEAT(heartbeat)) => {
+                        self.heartbeats += 1;
+                        is_heard |= heartbeat.mavtype == MavType::MAV_TYPE_ONBOARD_CONTROLLER as u8;
+                    }
                     Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) => {
                         self.setpoints += 1;
                         self.fastest_setpoint_mps = self.fastest_setpoint_mps.max(libm::hypotf(target.vx, target.vy));
@@ -119,6 +128,32 @@ impl Ended {
                     _ => {}
                 }
             }
+        }
+        is_heard
+    }
+}
+
+/// Gives control to a companion once it is heard, and takes it back when it is gone.
+#[derive(Default)]
+struct Pilot {
+    heard_us: Option<u64>,
+    gives_us: Option<u64>,
+}
+
+impl Pilot {
+    fn act(&mut self, now_us: u64, is_heard: bool, is_open: bool, autopilot: &mut Autopilot, hover_mode: u32) {
+        if is_heard && self.heard_us.replace(now_us).is_none() {
+            self.gives_us = Some(now_us + GIVES_AFTER_US);
+        }
+        if self.heard_us.is_some_and(|heard_us| !is_open || now_us > heard_us + SILENT_US) {
+            *self = Self::default();
+            if autopilot.custom_mode == autopilot.companion_mode() {
+                autopilot.select_mode(now_us, hover_mode);
+            }
+        }
+        if self.gives_us.is_some_and(|gives_us| now_us >= gives_us) {
+            let is_given = autopilot.select_mode(now_us, autopilot.companion_mode());
+            self.gives_us = (!is_given).then_some(now_us + PILOT_PERIOD_US);
         }
     }
 }
@@ -142,7 +177,9 @@ pub(super) fn autopilot(cli: &Cli, args: &AutopilotCommand) -> Result<ExitCode, 
     let [north, east, altitude] = args.start;
     let altitude = if args.begin == Begin::Parked { 0.0 } else { altitude };
     let pose = Pose { position_ned_m: [north, east, -altitude], ..Pose::default() };
-    let (mut autopilot, mut control_due_us) = model_at_start(args);
+    let mut autopilot = model_at_start(args);
+    let hover_mode = autopilot.custom_mode;
+    let mut pilot = (args.begin == Begin::InControl).then(Pilot::default);
     let model = scenario::Vehicle {
         model: VehicleModel::Arducopter,
         autopilot: autopilot.software(),
@@ -158,11 +195,10 @@ pub(super) fn autopilot(cli: &Cli, args: &AutopilotCommand) -> Result<ExitCode, 
         let now_us = pace.wait().0;
         ended.time_s = now_us as f64 * 1e-6;
         let rx = wire.to_autopilot(&line.read());
-        ended.watch(&mut framer, &rx);
+        let is_heard = ended.watch(&mut framer, &rx);
         autopilot.receive(now_us, &vehicle.motion, &rx);
-        if control_due_us.is_some_and(|due_us| now_us >= due_us) {
-            let is_given = autopilot.select_mode(now_us, autopilot.companion_mode());
-            control_due_us = (!is_given).then_some(now_us + PILOT_PERIOD_US);
+        if let Some(pilot) = &mut pilot {
+            pilot.act(now_us, is_heard, line.is_open(), &mut autopilot, hover_mode);
         }
         flown_us = flown_us.max(now_us.saturating_sub(STALL_MAX_US));
         while flown_us + STEP_US <= now_us {
@@ -184,17 +220,14 @@ pub(super) fn autopilot(cli: &Cli, args: &AutopilotCommand) -> Result<ExitCode, 
     Ok(ExitCode::SUCCESS)
 }
 
-/// The model, and when its pilot gives control if it cannot start in control: PX4 needs the companion's stream
-/// first.
-fn model_at_start(args: &AutopilotCommand) -> (Autopilot, Option<u64>) {
-    let (software, start) = match (args.software, args.begin) {
-        (SoftwareName::Arducopter, Begin::InControl) => (Software::ArduCopter, Start::InControl),
-        (SoftwareName::Arducopter, Begin::Hovering) => (Software::ArduCopter, Start::Hovering),
-        (SoftwareName::Arducopter, Begin::Parked) => (Software::ArduCopter, Start::Parked),
-        (SoftwareName::Px4, Begin::InControl | Begin::Hovering) => (Software::Px4, Start::Hovering),
-        (SoftwareName::Px4, Begin::Parked) => (Software::Px4, Start::Parked),
+fn model_at_start(args: &AutopilotCommand) -> Autopilot {
+    let software = match args.software {
+        SoftwareName::Arducopter => Software::ArduCopter,
+        SoftwareName::Px4 => Software::Px4,
     };
-    let autopilot = Autopilot::new(software, start);
-    let is_due = args.begin == Begin::InControl && autopilot.custom_mode != autopilot.companion_mode();
-    (autopilot, is_due.then_some(0))
+    let start = match args.begin {
+        Begin::InControl | Begin::Hovering => Start::Hovering,
+        Begin::Parked => Start::Parked,
+    };
+    Autopilot::new(software, start)
 }

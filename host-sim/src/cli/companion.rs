@@ -37,7 +37,8 @@ const COMPANION_HELP: &str = "Examples:
     --via qemu:firmware.elf
 
 It waits for GUIDED (ArduPilot) or OFFBOARD (PX4), armed; it never changes the mode, arms or takes off. Leave the mode to \
-take control away; enter it again to give it back. It ends within 1 m of the beacon (with FH_LND_MODE in a parameter file: when \
+take control away; enter it again to give it back. Started while the vehicle is in the mode, it holds until the mode is left \
+and entered again. It ends within 1 m of the beacon (with FH_LND_MODE in a parameter file: when \
 it has handed over or landed), or with Ctrl-C, at zero velocity.
 
 Obstacles: what the autopilot and its system tell is always heard (DISTANCE_SENSOR, OBSTACLE_DISTANCE).
@@ -205,7 +206,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     let mut watched = Watched::new(&args.live, args.report.as_deref(), recorder)?;
     let mut qemu = match &args.via {
         Via::Host => None,
-        Via::Qemu(elf) => Some(QemuComputer::start(elf, &Setup { guidance }).map_err(refused)?),
+        Via::Qemu(elf) => Some(QemuComputer::start(elf, &Setup { guidance, needs_entry: false }).map_err(refused)?),
         Via::G474(_) => {
             return Err(InputError::new(
                 "--via: g474 keeps the board's time, which is slower than this one; `fly` takes it",
@@ -236,10 +237,12 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         let computer: &mut dyn Computer = match &mut qemu {
             Some(qemu) => {
                 // What the firmware did while it was alone belongs to no flight.
-                qemu.set_up(&Setup { guidance }).map_err(refused)?;
+                qemu.set_up(&Setup { guidance, needs_entry: true }).map_err(refused)?;
                 qemu
             }
             None => {
+                // As the firmware does: a vehicle that flies in the mode already stays under its pilot's control.
+                host.require_entry();
                 if let Some(key) = &config.key {
                     host.sign_with(companion::signing(key, 0, Time(0)));
                 }
@@ -249,10 +252,10 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         let bearings = radio.as_mut().map(|radio| radio as &mut dyn companion::Bearings);
         let flown = companion::fly(&config, computer, &mut line, log.as_mut(), bearings, &stop, |news, moment| {
             progress.tell_eyes(news.eyes, &guidance);
+            progress.tell_text(news);
             progress.show(news);
             if let (Some(watched), Some(moment)) = (&mut watched, moment) {
                 watched.watch(moment);
-            progress.tell_text(news);
             }
             if let (Some(foxglove), Some(moment)) = (&mut foxglove, moment) {
                 foxglove.watch(moment);
@@ -307,11 +310,11 @@ struct Progress {
     is_quiet: bool,
     bar: Option<ProgressBar>,
     eyes: Option<Eyes>,
+    /// The last text for the pilot.
+    told: String,
     state: String,
     shown_s: f64,
 }
-    /// The last text for the pilot.
-    told: String,
 
 /// On a terminal the line changes so often; elsewhere no more lines are written than that.
 const PERIOD_S: f64 = 0.5;

@@ -221,7 +221,7 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     let mut computer: Box<dyn Computer> = match &args.via {
         Via::Host => Box::new(host),
         Via::Qemu(elf) => {
-            let qemu = QemuComputer::start(elf, &Setup { guidance: config });
+            let qemu = QemuComputer::start(elf, &Setup { guidance: config, needs_entry: false });
             let qemu = qemu.map_err(|error| InputError::new(format!("--via: {error}")))?;
             let looks_inside = watched.is_some() || args.mcap.is_some();
             if looks_inside { Box::new(Beside::new(qemu, host)) } else { Box::new(qemu) }

@@ -55,7 +55,7 @@ pub fn fly(elf: &Path, seed: u64, faults: u32) -> Result<Report, QemuError> {
 pub fn fly_with(elf: &Path, seed: u64, kinds: &[Kind]) -> Result<Report, QemuError> {
     let software = if seed.is_multiple_of(2) { Software::ArduCopter } else { Software::Px4 };
     let scenario = forest(seed);
-    let setup = Setup { guidance: Trial::guidance(&scenario, seed) };
+    let setup = Setup { guidance: Trial::guidance(&scenario, seed), needs_entry: false };
     let twin = Twin::new(QemuComputer::start_quick(elf, &setup)?, setup);
     let mut trial = Trial::with(twin, &scenario, software, Start::Hovering, Clocks::default(), seed);
     for (name, value) in [("GUID_TIMEOUT", 1.0), ("COM_OF_LOSS_T", 0.5)] {

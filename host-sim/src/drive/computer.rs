@@ -208,6 +208,11 @@ impl HostComputer {
         self.companion.sign_with(Some(signing));
     }
 
+    /// Control is given only when the mode is entered from now on, as after a start of the firmware.
+    pub fn require_entry(&mut self) {
+        self.companion.require_entry();
+    }
+
     /// The configuration in use.
     #[must_use]
     pub const fn config(&self) -> &guidance::Config {

@@ -75,7 +75,7 @@ mod tests {
 
     #[test]
     fn another_system_refuses_qemu_by_name() {
-        let setup = Setup { guidance: Config::default() };
+        let setup = Setup { guidance: Config::default(), needs_entry: false };
         let refusals =
             [QemuComputer::start(Path::new("a.elf"), &setup), QemuComputer::start_quick(Path::new("a.elf"), &setup)];
         for refusal in refusals {

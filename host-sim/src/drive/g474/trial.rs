@@ -49,7 +49,7 @@ pub fn fly(elf: &Path, twin: Option<&Path>, seed: u64) -> Result<Trial, String> 
     let timing = computer.board().timing().map_err(|error| error.to_string())?;
     drop(computer);
     let twin_steps = match twin {
-        Some(twin) => repeat(twin, &Setup { guidance }, &heard)?,
+        Some(twin) => repeat(twin, &Setup { guidance, needs_entry: false }, &heard)?,
         None => 0,
     };
     Ok(Trial { report: record.report, replayed, twin_steps, steps: heard.len(), timing })
