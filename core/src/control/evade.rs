@@ -444,7 +444,7 @@ mod tests {
         let vehicle_model = vehicle_model::Config::default().build(TICK_S).unwrap();
         let evader = Config::default().build(&vehicle_model, 1.0, fast_mps, 2.0).unwrap();
         let (mut state, mut underway) = (State::default(), vehicle_model::State::default());
-        let mut vehicle = Vehicle::new(Horizontal::default(), 4, 0.54);
+        let mut vehicle = Vehicle::new(Horizontal::default(), 4, 0.45);
         let (mut command, mut halfway, mut walker) = (Horizontal::default(), Horizontal::default(), from);
         let mut least_m = f32::INFINITY;
         for _ in 0..300 {

@@ -41,7 +41,7 @@ impl Flight {
             config: Config::default(),
             pillars: pillars.iter().map(circle).collect(),
             source: Horizontal { north: source.0, east: source.1 },
-            vehicle: Vehicle::new(Horizontal::default(), 16, 0.5),
+            vehicle: Vehicle::new(Horizontal::default(), 4, 0.45),
             planning: 1,
         }
     }

@@ -130,7 +130,10 @@ impl Mission {
             VehicleModel::Point => {
                 vehicle_model::Config { dead_time_s: POINT_DEAD_TIME_S, lag_s: scenario.vehicle.lag_s as f32 }
             }
-            VehicleModel::Arducopter => vehicle_model::Config::default(),
+            VehicleModel::Arducopter => match scenario.vehicle.autopilot {
+                Software::ArduCopter => vehicle_model::Config::ARDUCOPTER,
+                Software::Px4 => vehicle_model::Config::PX4,
+            },
         };
         config
     }

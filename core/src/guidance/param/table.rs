@@ -84,7 +84,7 @@ pub const TABLE: &[Param] = &[
     real(
         "FH_LAG",
         "s",
-        0.54,
+        0.45,
         [0.0, 5.0],
         Value(|config| &mut config.vehicle_model.lag_s),
         "Time constant of the vehicle's velocity after that.",
