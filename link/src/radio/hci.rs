@@ -26,8 +26,10 @@ const CONNECTION: u8 = 0x16;
 /// Events that end what a handle is for: Disconnection Complete, and the LE meta event Periodic Advertising Sync Lost.
 const DISCONNECTION: u8 = 0x05;
 const SYNC_LOST: u8 = 0x10;
+/// Longest body of a packet that is not an event; what says it is longer begins no packet.
+const BODY_MAX: u16 = 1024;
 /// Most handles whose addresses are kept at a time; the oldest gives way.
-const HANDLES_MAX: usize = 32;
+const HANDLES_MAX: usize = 16;
 
 /// How the packet was sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -218,7 +220,7 @@ pub fn report(event: &[u8]) -> Result<Option<IqReport>, Refused> {
 
 /// The addresses of the transmitters that have a handle.
 #[derive(Clone, Debug, Default)]
-struct Handles(Vec<(Link, u16, u64), HANDLES_MAX>);
+struct Handles(Vec<(Link, u16, [u8; 6]), HANDLES_MAX>);
 
 impl Handles {
     /// Takes note of an event; most say nothing of a handle.
@@ -240,7 +242,7 @@ impl Handles {
                         self.0.remove(0);
                     }
                     // Cannot fail: there is a free place.
-                    let _ = self.0.push((link, handle, u64::from_le_bytes([a, b, c, d, e, f, 0, 0])));
+                    let _ = self.0.push((link, handle, [a, b, c, d, e, f]));
                 }
             }
             _ => {}
@@ -323,7 +325,7 @@ impl Reader {
         let mut handles = self.handles.0.iter();
         handles
             .find(|(link, handle, _)| (*link, *handle) == (report.link, report.handle))
-            .map(|(_, _, address)| *address)
+            .map(|(_, _, [a, b, c, d, e, f])| u64::from_le_bytes([*a, *b, *c, *d, *e, *f, 0, 0]))
     }
 
     /// The counters.
@@ -336,6 +338,23 @@ impl Reader {
     #[must_use]
     pub fn is_inside(&self) -> bool {
         self.within != Within::Type
+    }
+
+    /// The line was silent. Packets are sent without a pause, so the last one has lost bytes if it is incomplete: it is left out.
+    pub fn pause(&mut self) {
+        if self.is_inside() {
+            self.within = Within::Type;
+            self.counters.skipped = self.counters.skipped.saturating_add(1);
+        }
+    }
+
+    /// The events that say again which addresses have a handle, as packets.
+    pub fn known(&self) -> impl Iterator<Item = [u8; 15]> {
+        self.handles.0.iter().map(|(link, handle, [a, b, c, d, e, f])| {
+            let [low, high] = handle.to_le_bytes();
+            let event = if *link == Link::Advertising { 0x0E } else { 0x01 };
+            [4, LE_META, 12, event, 0, low, high, 0, 0, *a, *b, *c, *d, *e, *f]
+        })
     }
 
     /// Takes a byte; returns a report, or why it is refused, with the report's last byte.
@@ -394,6 +413,11 @@ impl Reader {
     }
 
     fn skip(&mut self, count: u16) {
+        if count > BODY_MAX {
+            self.within = Within::Type;
+            self.counters.skipped = self.counters.skipped.saturating_add(1);
+            return;
+        }
         self.within = if count == 0 { Within::Type } else { Within::Body(count) };
     }
 }
@@ -493,6 +517,14 @@ mod tests {
         connected[8] = 7;
         take(&connected);
         assert_eq!(take(&connection), Some(0x0102_0304_0507));
+        let known = reader.known().flatten().collect::<List<_>>();
+        let mut again = Reader::new();
+        assert!(known.iter().all(|byte| again.push(*byte).is_none()) && !again.is_inside());
+        assert_eq!(again.handles.0, reader.handles.0);
+        let mut take = |event: &[u8]| {
+            let found = core::iter::once(&4).chain(event).filter_map(|byte| reader.push(*byte)).last();
+            found.and_then(|report| reader.address(&report.unwrap()))
+        };
         take(&[0x05, 4, 0, 0x34, 0x02, 0x13]);
         assert_eq!((take(&connection), take(&event(45))), (None, Some(0x6C1D_EBA4_1845)));
         take(&[0x3E, 3, 0x10, 0x34, 0x02]);
@@ -510,6 +542,20 @@ mod tests {
         }
         take(&synchronised);
         assert_eq!(take(&event(45)), Some(0x6C1D_EBA4_1845));
+    }
+
+    #[test]
+    fn after_a_pause_and_after_an_impossible_length_a_packet_may_begin() {
+        let whole: List<u8> = core::iter::once(4).chain(event(45)).collect();
+        let mut reader = Reader::new();
+        let reports = |bytes: &[u8], reader: &mut Reader| bytes.iter().filter_map(|byte| reader.push(*byte)).count();
+        // Cut off, then the next one: without a pause that is lost, too.
+        assert_eq!(reports(&whole[..50], &mut reader), 0);
+        reader.pause();
+        assert_eq!((reports(&whole, &mut reader), reader.is_inside()), (1, false));
+        // A data packet of 65 535 bytes.
+        assert_eq!(reports(&[2, 0, 0, 0xFF, 0xFF], &mut reader), 0);
+        assert_eq!((reports(&whole, &mut reader), reader.counters().skipped), (1, 2));
     }
 
     #[test]
