@@ -1,4 +1,4 @@
-//! A radio that measures the azimuth itself: how it is mounted, and the bearings that its angles become.
+//! A radio that finds the direction of a transmitter: what it sends, how it is mounted, and the bearings that this becomes.
 
 use core::f32::consts::{FRAC_PI_2, PI};
 
@@ -12,22 +12,35 @@ const ADDRESS_END: u64 = 0xFF_FFFF;
 /// A tenth of a degree.
 const SIGMA_MIN_RAD: f32 = 0.1 / 180.0 * PI;
 
-/// How it is mounted, how exact it is, and which transmitter is sought.
+/// What it sends.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Sends {
+    /// Angles.
+    #[default]
+    Angles,
+    /// Samples of an antenna array behind a switch: Bluetooth's IQ reports.
+    IqReports,
+}
+
+/// What it sends, how it is mounted, how exact it is, and which transmitter is sought.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Mount {
+    /// What it sends.
+    pub sends: Sends,
     /// Direction of its zero, from the nose, clockwise.
     pub yaw_rad: f32,
-    /// Standard deviation of its angles.
+    /// Standard deviation of its angles; the least one where it sends samples.
     pub sigma_rad: f32,
     /// The lower 24 bits of the wanted transmitter's address; 0: any transmitter.
     pub tag: u32,
 }
 
 impl Default for Mount {
-    /// 8 degrees, any transmitter.
+    /// Angles of 8 degrees, any transmitter.
     fn default() -> Self {
-        Self { yaw_rad: 0.0, sigma_rad: 8.0 / 180.0 * PI, tag: 0 }
+        Self { sends: Sends::Angles, yaw_rad: 0.0, sigma_rad: 8.0 / 180.0 * PI, tag: 0 }
     }
 }
 
@@ -48,19 +61,25 @@ impl Mount {
         self.tag == 0 || self.tag as u64 == address & ADDRESS_END
     }
 
+    /// A bearing from its zero, from the nose.
+    #[must_use]
+    pub fn mounted(&self, bearing: &Bearing) -> Bearing {
+        Bearing { azimuth_rad: wrap_pi(bearing.azimuth_rad + self.yaw_rad), ..*bearing }
+    }
+
     /// The bearing of an azimuth that it has measured, clockwise from its zero.
     #[must_use]
     pub fn bearing(&self, time: Instant, azimuth_rad: f32) -> Bearing {
-        Bearing {
+        self.mounted(&Bearing {
             time,
             valid: true,
-            azimuth_rad: wrap_pi(azimuth_rad + self.yaw_rad),
+            azimuth_rad,
             sigma_rad: self.sigma_rad,
             elevation_rad: 0.0,
             elevation_sigma_rad: FRAC_PI_2,
             quality: Quality { wavenumber: 1.0, ..Quality::default() },
             flags: Flags::default(),
-        }
+        })
     }
 }
 

@@ -22,10 +22,10 @@ use crate::base::math::sqrt;
 use crate::base::sort::nth;
 use crate::base::time::Instant;
 use crate::base::units::{nearest, wrap_pi};
-use crate::doa::beam::{Arrival, Beam, Covariance, Peak, Scan, Vector};
+use crate::doa::beam::{self, Arrival, Beam, Covariance, Peak, Scan, Vector};
 use crate::doa::bearing::{Bearing, Flags, Quality, SIGMA_USELESS_RAD};
 use crate::signal::phase::Complex;
-use crate::signal::switched::{CELLS_MAX, Outcome, Packet, Reader};
+use crate::signal::switched::{self, CELLS_MAX, Outcome, Packet, Reader};
 
 /// Packets of a transmitter that are remembered.
 pub const MEMORY: usize = 15;
@@ -89,10 +89,15 @@ impl Config {
     /// `sigma_floor` outside 0..=1 rad; `antennas_m` when the two have different numbers of antennas.
     pub fn build(&self, beam: Beam, reader: Reader) -> Result<Estimator, ConfigError> {
         let floor_rad = check("sigma_floor", self.floor_rad, 0.0, 1.0)?;
-        let antennas = reader.antennas() as f32;
-        check("antennas_m", beam.antennas() as f32, antennas, antennas)?;
+        check_antennas(&beam, &reader)?;
         Ok(Estimator { beam, reader, floor_rad })
     }
+}
+
+/// The array and the schedule of its switch have the same number of antennas.
+fn check_antennas(beam: &Beam, reader: &Reader) -> Result<(), ConfigError> {
+    let antennas = reader.antennas() as f32;
+    check("antennas_m", beam.antennas() as f32, antennas, antennas).map(drop)
 }
 
 /// What is remembered of a transmitter.
@@ -195,6 +200,44 @@ pub struct Estimator {
 }
 
 impl Estimator {
+    /// Without array and schedule, to be built.
+    pub const EMPTY: Self = Self { beam: Beam::EMPTY, reader: Reader::EMPTY, floor_rad: 0.0 };
+
+    /// Builds it in place, as [`Config::build`] does: a stack may have no room for it.
+    ///
+    /// # Errors
+    /// The field that is refused; it has no slots then.
+    pub fn build_in(
+        &mut self,
+        config: &Config,
+        beam: &beam::Config,
+        switch: &switched::Config,
+        slots: usize,
+    ) -> Result<(), ConfigError> {
+        self.reader = Reader::EMPTY;
+        self.floor_rad = check("sigma_floor", config.floor_rad, 0.0, 1.0)?;
+        beam.build_in(&mut self.beam)?;
+        self.set_slots(switch, slots)
+    }
+
+    /// Takes packets of another number of slots of one sample from now on.
+    ///
+    /// # Errors
+    /// The field of the schedule that is refused; it has no slots then.
+    pub fn set_slots(&mut self, switch: &switched::Config, slots: usize) -> Result<(), ConfigError> {
+        let built = switch.build_in(slots, 1, &mut self.reader).and_then(|()| check_antennas(&self.beam, &self.reader));
+        if built.is_err() {
+            self.reader = Reader::EMPTY;
+        }
+        built
+    }
+
+    /// Number of slots of a packet.
+    #[must_use]
+    pub fn slots(&self) -> usize {
+        self.reader.slots()
+    }
+
     /// Takes a packet into the memory of its transmitter, and into the group that makes a bearing.
     pub fn take(&self, emitter: &mut Emitter, group: &mut Group, samples: &[Complex]) {
         self.take_with(emitter, group, &[], samples);
@@ -207,6 +250,29 @@ impl Estimator {
 
     /// Takes a packet with its reference period, see [`Reader::read`].
     pub fn take_with(&self, emitter: &mut Emitter, group: &mut Group, reference: &[Complex], samples: &[Complex]) {
+        let (clean, last) = (group.clean, group.last);
+        self.take_in(emitter, group, reference, samples);
+        if clean > 0 && group.clean > clean {
+            group.covariance.add(&last, 1.0);
+        }
+    }
+
+    /// The bearing of one packet with its reference period: that of a group of it alone, with less code.
+    #[must_use]
+    pub fn bearing_of_packet(
+        &self,
+        emitter: &mut Emitter,
+        reference: &[Complex],
+        samples: &[Complex],
+        time: Instant,
+    ) -> Arrival {
+        let mut group = Group::default();
+        self.take_in(emitter, &mut group, reference, samples);
+        self.conclude(&group, group.peak, time)
+    }
+
+    /// Takes a packet, but for the covariance of the ones before.
+    fn take_in(&self, emitter: &mut Emitter, group: &mut Group, reference: &[Complex], samples: &[Complex]) {
         group.packets += 1;
         let packet = self.reader.read(reference, samples);
         if packet.outcome != Outcome::Tone {
@@ -225,9 +291,6 @@ impl Estimator {
         }
         group.variance = emitter.variance;
         group.good += usize::from(followed.open == 0 && self.rivals(&peak, group.variance) == 0);
-        if group.clean > 1 {
-            group.covariance.add(&group.last, 1.0);
-        }
         group.last = followed.z;
         group.open = group.open.max(followed.open);
         group.scan.add(&followed.scan);
@@ -320,6 +383,12 @@ impl Estimator {
     /// The bearing of a group: of all its packets so far.
     #[must_use]
     pub fn bearing(&self, group: &Group, time: Instant) -> Arrival {
+        let of_all = || self.beam.peak_of_all(&group.scan, &group.covariance());
+        let peak = if group.clean > 1 { of_all() } else { group.peak };
+        self.conclude(group, peak, time)
+    }
+
+    fn conclude(&self, group: &Group, peak: Option<Peak>, time: Instant) -> Arrival {
         let mut flags = if group.damaged > 0 { Flags::NOT_FINITE } else { Flags::default() };
         let frequency_hz = self.reader.frequency_hz(group.offset_rad);
         let quality = Quality { snr_db: group.snr_db, frequency_hz, ..Quality::default() };
@@ -328,7 +397,6 @@ impl Estimator {
         if group.clean == 0 || !is_enough(group.clean) {
             return bearing.into();
         }
-        let peak = group.peak.or_else(|| self.beam.peak_of_all(&group.scan, &group.covariance()));
         let Some(peak) = peak else { return bearing.into() };
         for antenna in (0..self.beam.antennas()).filter(|antenna| !group.lives(*antenna)) {
             flags = flags.with(Flags::dead(antenna));

@@ -82,6 +82,15 @@ impl Config {
     /// range; an antenna without a slot in a packet; a packet too short to determine the offset; visits too far
     /// apart.
     pub fn build(&self, slots: usize, samples: usize) -> Result<Reader, ConfigError> {
+        let mut reader = Reader::EMPTY;
+        self.build_in(slots, samples, &mut reader).map(|()| reader)
+    }
+
+    /// The same in place: a stack may have no room for it.
+    ///
+    /// # Errors
+    /// As above; the reader is of no use then.
+    pub fn build_in(&self, slots: usize, samples: usize, reader: &mut Reader) -> Result<(), ConfigError> {
         let refuse =
             |field, value: usize, text| Err(ConfigError { field, value: value as f32, why: Why::Inconsistent(text) });
         check("antennas_m", self.antennas as f32, 2.0, ANTENNAS_MAX as f32)?;
@@ -99,23 +108,13 @@ impl Config {
         for antenna in pattern {
             check("switch.pattern", f32::from(*antenna), 0.0, self.antennas as f32)?;
         }
-        let mut reader = Reader {
-            places: [None; SLOTS_MAX],
-            visits: [Visit { slot: 0, number: 0, weight: 1.0 }; SLOTS_MAX],
-            ends: [0; ANTENNAS_MAX],
-            antennas: self.antennas,
-            slots,
-            samples,
-            used: if samples > 2 { samples - samples.div_ceil(LEFT_OUT) } else { samples },
-            cells: 0,
-            is_regular: true,
-            roots: [Complex::default(); CELLS_MAX],
-            sample_turn: Complex::at(-wrap_pi(TAU * fraction(self.tone_hz / rate_hz))),
-            slot_turn: Complex::at(-wrap_pi(TAU * fraction(self.tone_hz * slot_s))),
-            slot_samples: slot_s * rate_hz,
-            tone_hz: self.tone_hz,
-            slot_s,
-        };
+        *reader = Reader::EMPTY;
+        (reader.antennas, reader.slots, reader.samples) = (self.antennas, slots, samples);
+        reader.used = if samples > 2 { samples - samples.div_ceil(LEFT_OUT) } else { samples };
+        reader.is_regular = true;
+        reader.sample_turn = Complex::at(-wrap_pi(TAU * fraction(self.tone_hz / rate_hz)));
+        reader.slot_turn = Complex::at(-wrap_pi(TAU * fraction(self.tone_hz * slot_s)));
+        (reader.slot_samples, reader.tone_hz, reader.slot_s) = (slot_s * rate_hz, self.tone_hz, slot_s);
         let mut listed = 0;
         for (end, antenna) in reader.ends.iter_mut().zip(1..=self.antennas) {
             let mut first = None;
@@ -124,9 +123,8 @@ impl Config {
                 let begin = *first.get_or_insert(slot);
                 reader.cells = common_divisor(reader.cells, slot - begin);
                 if let (Some(visit), Some(place)) = (reader.visits.get_mut(listed), reader.places.get_mut(slot)) {
-                    *place = Some((listed as u8, antenna as u8 - 1));
+                    *place = Place { at: listed as u8, antenna: antenna as u8 };
                     (visit.slot, visit.number) = (slot as u8, (slot - begin) as u8);
-                    visit.weight = if slot == 0 || slot + 1 == slots { EDGE_WEIGHT } else { 1.0 };
                 }
                 listed += 1;
             }
@@ -136,7 +134,7 @@ impl Config {
             *end = listed as u8;
         }
         for visit in &mut reader.visits {
-            visit.number /= reader.cells.max(1) as u8;
+            visit.number = visit.number.checked_div(reader.cells as u8).unwrap_or(visit.number);
         }
         let is_regular = |visits: &[Visit]| visits.iter().zip(0..).all(|(visit, number)| visit.number == number);
         let all_regular = reader.by_antenna(&reader.visits).all(is_regular);
@@ -152,7 +150,7 @@ impl Config {
         for (k, root) in reader.roots.iter_mut().enumerate() {
             *root = Complex::at(wrap_pi(k as f32 * cell_rad));
         }
-        Ok(reader)
+        Ok(())
     }
 }
 
@@ -206,20 +204,34 @@ impl Packet {
     }
 }
 
+/// The use of a slot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Place {
+    at: u8,
+    /// From 1 on; 0 for a slot that is not used.
+    antenna: u8,
+}
+
+impl Place {
+    /// Where it is among the visits, and its antenna from 0 on.
+    fn used(self) -> Option<(usize, usize)> {
+        Some((usize::from(self.at), usize::from(self.antenna.checked_sub(1)?)))
+    }
+}
+
 /// A slot of an antenna.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Visit {
     slot: u8,
     /// How many cells after the antenna's first.
     number: u8,
-    weight: f32,
 }
 
 /// The checked schedule for packets of one size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reader {
-    /// Where a slot is among the visits, and its antenna; `None` for one that is not used.
-    places: [Option<(u8, u8)>; SLOTS_MAX],
+    /// Where a slot is among the visits, and its antenna.
+    places: [Place; SLOTS_MAX],
     /// The visits of the first antenna, then those of the second, ...
     visits: [Visit; SLOTS_MAX],
     /// Where those of each antenna end.
@@ -277,10 +289,38 @@ struct Heard {
 }
 
 impl Reader {
+    /// Of no packets, to be built.
+    pub const EMPTY: Self = {
+        const ZERO: Complex = Complex { re: 0.0, im: 0.0 };
+        Self {
+            places: [Place { at: 0, antenna: 0 }; SLOTS_MAX],
+            visits: [Visit { slot: 0, number: 0 }; SLOTS_MAX],
+            ends: [0; ANTENNAS_MAX],
+            antennas: 0,
+            slots: 0,
+            samples: 0,
+            used: 0,
+            cells: 0,
+            is_regular: false,
+            roots: [ZERO; CELLS_MAX],
+            sample_turn: ZERO,
+            slot_turn: ZERO,
+            slot_samples: 0.0,
+            tone_hz: 0.0,
+            slot_s: 0.0,
+        }
+    };
+
     /// Number of antennas.
     #[must_use]
     pub fn antennas(&self) -> usize {
         self.antennas
+    }
+
+    /// Number of slots of a packet.
+    #[must_use]
+    pub fn slots(&self) -> usize {
+        self.slots
     }
 
     /// How many offsets, `2 pi / cells` apart, are indistinguishable by the visits; at least one.
@@ -360,7 +400,7 @@ impl Reader {
         let step = Complex::at(-offset_rad);
         let mut turn = Complex { re: 1.0, im: 0.0 };
         for place in self.places.iter().take(self.slots) {
-            if let Some(unit) = place.and_then(|(place, _)| heard.units.get_mut(usize::from(place))) {
+            if let Some(unit) = place.used().and_then(|(place, _)| heard.units.get_mut(place)) {
                 *unit = unit.times(turn);
             }
             turn = turn.times(step);
@@ -376,7 +416,7 @@ impl Reader {
         for (place, samples) in self.places.iter().zip(packet.chunks_exact(self.samples.max(1))) {
             let own_turn = turn;
             turn = turn.times(self.slot_turn);
-            let Some((place, antenna)) = *place else { continue };
+            let Some((place, antenna)) = place.used() else { continue };
             let used = samples.get(..self.used).unwrap_or_default();
             if let Some(steps) = &mut steps {
                 steps.add(used);
@@ -385,8 +425,7 @@ impl Reader {
             let (Some(last), before) = (used.last(), used.iter().rev().skip(1)) else { continue };
             let mean = before.fold(*last, back).times(own_turn);
             let own = mean.norm_squared();
-            if let (Some(unit), Some(power)) =
-                (heard.units.get_mut(usize::from(place)), heard.powers.get_mut(usize::from(antenna)))
+            if let (Some(unit), Some(power)) = (heard.units.get_mut(place), heard.powers.get_mut(antenna))
                 && own > 0.0
             {
                 *unit = mean.scaled(1.0 / sqrt(own));
@@ -457,7 +496,7 @@ impl Reader {
         let (mut visits, mut agreeing, mut scatter) = (0.0_f32, 0.0_f32, 0.0_f32);
         let parts = self.by_antenna(&heard.units).zip(self.by_antenna(&self.visits));
         for (((z, power), sum), (units, its)) in z.iter_mut().zip(&mut powers).zip(heard.powers).zip(parts) {
-            *z = robust_mean(units, its);
+            *z = robust_mean(units, its, self.slots);
             for unit in units {
                 let away = chord_squared(*unit, *z);
                 agreeing += if away < AGREES { 1.0 } else { 0.0 };
@@ -483,8 +522,10 @@ impl Reader {
 }
 
 /// The robust mean of an antenna's visits, of length one.
-fn robust_mean(units: &[Complex], visits: &[Visit]) -> Complex {
-    let visits = || units.iter().zip(visits).map(|(unit, visit)| (*unit, visit.weight));
+fn robust_mean(units: &[Complex], visits: &[Visit], slots: usize) -> Complex {
+    let is_edge = |visit: &Visit| visit.slot == 0 || usize::from(visit.slot) + 1 == slots;
+    let visits =
+        || units.iter().zip(visits).map(|(unit, visit)| (*unit, if is_edge(visit) { EDGE_WEIGHT } else { 1.0 }));
     let (mut sum, mut weights) = (Complex::default(), 0.0);
     for (unit, weight) in visits() {
         (sum, weights) = (sum.plus(unit.scaled(weight)), weights + weight);

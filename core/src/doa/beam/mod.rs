@@ -114,6 +114,15 @@ impl Config {
     /// `wavelength_m` outside 1 mm..1 km; `antennas_m` that are fewer than two or more than eight, not finite, more than
     /// [`REACH_MAX_WAVELENGTHS`] from their middle, or two of them in one place.
     pub fn build(&self) -> Result<Beam, ConfigError> {
+        let mut beam = Beam::EMPTY;
+        self.build_in(&mut beam).map(|()| beam)
+    }
+
+    /// The same in place: a stack may have no room for it.
+    ///
+    /// # Errors
+    /// As above; the beam is of no use then.
+    pub fn build_in(&self, beam: &mut Beam) -> Result<(), ConfigError> {
         let wavelength_m = check("wavelength_m", self.wavelength_m, 1e-3, 1e3)?;
         check("antennas_m", self.count as f32, 2.0, ANTENNAS_MAX as f32)?;
         let antennas_m = self.antennas_m.get(..self.count).unwrap_or_default();
@@ -124,15 +133,8 @@ impl Config {
         let share = 1.0 / self.count as f32;
         let centre = antennas_m.iter().fold([0.0; 2], |[x, y], p| [x + share * p[0], y + share * p[1]]);
         let wavenumber = TAU / wavelength_m;
-        let mut beam = Beam {
-            steering: [[0.0; 2]; ANTENNAS_MAX],
-            count: self.count,
-            reach: 0.0,
-            table: [[Complex::default(); ANTENNAS_MAX]; DIRECTIONS],
-            directions: DIRECTIONS,
-            step_rad: 0.0,
-            line_rad: None,
-        };
+        (beam.count, beam.reach, beam.line_rad) = (self.count, 0.0, None);
+        beam.steering = [[0.0; 2]; ANTENNAS_MAX];
         for (k, (steering, p)) in beam.steering.iter_mut().zip(antennas_m).enumerate() {
             let from_centre_m = [p[0] - centre[0], p[1] - centre[1]];
             check("antennas_m", length(from_centre_m), 0.0, farthest_m)?;
@@ -154,12 +156,13 @@ impl Config {
         let wanted = whole_below(TAU * beam.reach / STEP_RAD) as usize + 1;
         beam.directions = wanted.clamp(DIRECTIONS_MIN, DIRECTIONS);
         beam.step_rad = TAU / beam.directions as f32;
-        let mut table = beam.table;
-        for (k, vector) in table.iter_mut().enumerate().take(beam.directions) {
-            *vector = beam.toward(k as f32 * beam.step_rad);
+        for k in 0..beam.directions {
+            let toward = beam.toward(k as f32 * beam.step_rad);
+            if let Some(vector) = beam.table.get_mut(k) {
+                *vector = toward;
+            }
         }
-        beam.table = table;
-        Ok(beam)
+        Ok(())
     }
 }
 
@@ -168,6 +171,17 @@ fn length([x, y]: [f32; 2]) -> f32 {
 }
 
 impl Beam {
+    /// Of no antennas, to be built.
+    pub const EMPTY: Self = Self {
+        steering: [[0.0; 2]; ANTENNAS_MAX],
+        count: 0,
+        reach: 0.0,
+        table: [[Complex { re: 0.0, im: 0.0 }; ANTENNAS_MAX]; DIRECTIONS],
+        directions: 0,
+        step_rad: 0.0,
+        line_rad: None,
+    };
+
     /// Number of antennas.
     #[must_use]
     pub fn antennas(&self) -> usize {

@@ -58,7 +58,11 @@ pub(super) fn set_lidar(values: &Values, config: &mut Config) {
 }
 
 pub(super) fn brg_src(config: &Config) -> Option<f32> {
-    Some(switch(config.radio.is_some()))
+    Some(match config.radio.map(|radio| radio.sends) {
+        None => 0.0,
+        Some(radio::Sends::Angles) => 1.0,
+        Some(radio::Sends::IqReports) => 2.0,
+    })
 }
 
 pub(super) fn brg_tag(config: &Config) -> Option<f32> {
@@ -75,6 +79,7 @@ pub(super) fn brg_sigma(config: &Config) -> Option<f32> {
 
 pub(super) fn set_radio(values: &Values, config: &mut Config) {
     config.radio = values.is_on(param::FH_BRG_SRC).then_some(radio::Mount {
+        sends: if values.whole(param::FH_BRG_SRC) > 1 { radio::Sends::IqReports } else { radio::Sends::Angles },
         yaw_rad: values.get(param::FH_BRG_YAW) / 180.0 * PI,
         sigma_rad: values.get(param::FH_BRG_SIGMA) / 180.0 * PI,
         tag: values.whole(param::FH_BRG_TAG),

@@ -326,11 +326,12 @@ pub const TABLE: &[Param] = &[
         "Progress means having moved this far since the time started.",
     ),
     // Antennas.
-    switch(
+    whole(
         "FH_BRG_SRC",
         0.0,
+        [0.0, 2.0],
         Parts(parts::brg_src, parts::set_radio),
-        "Source of bearings: 0 the antennas, 1 the +UUDF lines of a radio on the lidar's serial line; FH_OBS_SRC must be 0 then.",
+        "Source of bearings: 0 the antennas; 1 the +UUDF lines of a radio on the lidar's serial line; 2 Bluetooth's IQ reports on that line, in an image built for them. FH_OBS_SRC must be 0 with 1 and 2.",
     ),
     whole(
         "FH_BRG_TAG",
@@ -353,7 +354,7 @@ pub const TABLE: &[Param] = &[
         8.0,
         [0.1, 90.0],
         Parts(parts::brg_sigma, parts::set_radio),
-        "Standard deviation of its angles.",
+        "Standard deviation of its angles; with IQ reports, the smallest.",
     ),
     real(
         "FH_WAVELEN",

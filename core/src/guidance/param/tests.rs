@@ -3,6 +3,7 @@ use std::vec::Vec;
 use super::*;
 use crate::base::error::Why;
 use crate::control::guard::Fence;
+use crate::doa::radio::Sends;
 use crate::guidance::{self, turning};
 
 fn named(name: &str) -> Id {
@@ -39,7 +40,7 @@ const PLACES: &[(&str, Place)] = &[
     ("FH_START_CLR", |c| c.guard.coverage.start_clearance_m),
     ("FH_OBS_SRC", |c| c.lidar.map_or(0.0, |lidar| 1.0 + f32::from(u8::from(lidar.is_upside_down)))),
     ("FH_LDR_YAW", |c| c.lidar.unwrap_or_default().yaw_rad.to_degrees()),
-    ("FH_BRG_SRC", |c| f32::from(u8::from(c.radio.is_some()))),
+    ("FH_BRG_SRC", |c| c.radio.map_or(0.0, |radio| if radio.sends == Sends::Angles { 1.0 } else { 2.0 })),
     ("FH_BRG_TAG", |c| c.radio.unwrap_or_default().tag as f32),
     ("FH_BRG_YAW", |c| c.radio.unwrap_or_default().yaw_rad.to_degrees()),
     ("FH_BRG_SIGMA", |c| c.radio.unwrap_or_default().sigma_rad.to_degrees()),
@@ -206,7 +207,9 @@ fn nothing_beyond_a_range_would_build() {
     for (id, _) in places() {
         let (min, max) = id.range();
         let kind = TABLE[id.index()].kind;
-        if kind == Kind::Whole && (max == 1.0 || ["FH_TURN", "FH_LND_MODE", "FH_OBS_SRC"].contains(&id.name())) {
+        if kind == Kind::Whole
+            && (max == 1.0 || ["FH_TURN", "FH_LND_MODE", "FH_OBS_SRC", "FH_BRG_SRC"].contains(&id.name()))
+        {
             continue;
         }
         let step = |end: f32| if kind == Kind::Whole { 1.0 } else { (0.003 * end.abs()).max(1e-4) };
