@@ -225,6 +225,9 @@ pub fn refuse_left(left: usize, count: usize, what: &str, looks: usize) -> Resul
     if left == 0 {
         return Ok(());
     }
+    if left == count {
+        return Err(InputError::new(format!("{count} {what} make no group of {looks}")));
+    }
     Err(InputError::new(format!("the last {left} of {count} {what} make no group of {looks}; cut them off")))
 }
 
