@@ -21,7 +21,9 @@ use foxhound_core::ConfigError;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance;
 use foxhound_core::landing::observation::{Bad, PadObservation, Seen};
-use foxhound_pad::{self as pad, Detector, Format, Header, State, WIDTH_MAX};
+use foxhound_pad::{self as pad, Format, Header, State, WIDTH_MAX};
+
+pub use foxhound_pad::Detector;
 
 use crate::log::frame::{Deframer, Frame, stuffed_bytes};
 

@@ -30,7 +30,9 @@ use foxhound_link::companion::{self, Companion, Exam, Examined};
 use foxhound_link::params::Storage;
 
 use crate::SAMPLES_PER_CHANNEL as N;
+use crate::features;
 use crate::frozen::Watch;
+use crate::iq::Reports;
 use crate::sampling::Timer;
 use crate::selftest::{self, Channels, Check, Refused, SelfTest, Verdict};
 use crate::sensor::{self, Sensor};
@@ -153,6 +155,8 @@ pub struct Flight<'a, S = Planner> {
     pub receiver: &'a mut Receiver,
     /// The sensor on a serial line of our own, if there is one.
     pub sensor: &'a mut Option<Sensor>,
+    /// The reader of that sensor's IQ reports.
+    pub reports: &'a mut Reports,
 }
 
 // The stack holds only one of the large parts at a time, while it is built: hence a function for each.
@@ -179,11 +183,17 @@ impl<S: Systems> Flight<'_, S> {
     /// The field that is refused.
     #[inline(never)]
     fn set_up(&mut self, config: &mut guidance::Config) -> Result<(), ConfigError> {
+        features::check(config)?;
         let systems = S::build(config)?;
         self.receiver.fit(config)?;
+        self.try_sensor(config)?;
         match S::guidance(config) {
             Ok(guidance) => *self.guidance = guidance,
-            Err(error) => return Err(error),
+            Err(error) => {
+                // The readers that the sensor shares with the one before.
+                self.look_anew()?;
+                return Err(error);
+            }
         }
         *self.systems = systems;
         self.guidance.restart(self.state);
@@ -192,8 +202,13 @@ impl<S: Systems> Flight<'_, S> {
     }
 
     #[inline(never)]
+    fn try_sensor(&mut self, config: &guidance::Config) -> Result<(), ConfigError> {
+        sensor::build(config, self.reports).map(drop)
+    }
+
+    #[inline(never)]
     fn look_anew(&mut self) -> Result<(), ConfigError> {
-        *self.sensor = sensor::build(self.config)?;
+        *self.sensor = sensor::build(self.config, self.reports)?;
         Ok(())
     }
 
@@ -223,7 +238,7 @@ impl<S: Systems> Flight<'_, S> {
     /// Takes bytes of the sensor's line; false if there is no sensor.
     pub fn hear_sensor(&mut self, now: Instant, bytes: &[u8]) -> bool {
         let Some(sensor) = self.sensor else { return false };
-        sensor.push(now, bytes);
+        sensor.push(now, bytes, self.reports);
         true
     }
 
@@ -386,6 +401,7 @@ impl<S: Systems> Flight<'_, S> {
         if let Some(sensor) = self.sensor {
             sensor.take();
         }
+        self.reports.end_step();
         self.companion.publish(step.now, &output);
         if self.companion.wants_surroundings(step.now) {
             self.companion.publish_surroundings(step.now, self.state.map().circles());

@@ -7,6 +7,7 @@
 //! |---|---|
 //! | [`flight`] | one step: link, guidance, link; the same code in the firmware and in the simulator |
 //! | [`camera`] | frames of a camera that looks down, and the pad detector's results; with the feature `pad`, which is on by default |
+//! | [`features`] | what an image may have been built without |
 //! | [`circular`] | reading a ring that DMA writes |
 //! | [`deadline`] | checks whether steps are in time, and whether the watchdog is to be fed |
 //! | [`log`] | records every input of a flight, so that the host can fly it again |
@@ -15,7 +16,8 @@
 //! | [`frozen`] | detects converters that have stopped |
 //! | [`sampling`] | sample rates that a timer can have |
 //! | [`lidar`] | a lidar on a line of its own: its frames to scans |
-//! | [`radio`] | a radio on the same line: its angles to bearings |
+//! | [`radio`] | a radio on the same line: its angles, or its IQ reports, to bearings |
+//! | [`iq`] | IQ reports to bearings; with the feature `iq` |
 //! | [`sensor`] | which of the two there is |
 //! | [`selftest`] | the receiver tested and calibrated on board |
 //! | [`timing`] | how long the tasks take |
@@ -28,12 +30,16 @@
 #[cfg(test)]
 extern crate std;
 
-#[cfg(feature = "pad")]
+mod came;
+#[cfg_attr(not(feature = "pad"), path = "no_camera.rs")]
 pub mod camera;
 pub mod circular;
 pub mod deadline;
+pub mod features;
 pub mod flight;
 pub mod frozen;
+#[cfg_attr(not(feature = "iq"), path = "no_iq.rs")]
+pub mod iq;
 pub mod lidar;
 pub mod log;
 pub mod part;

@@ -370,9 +370,9 @@ impl Status<'_> {
                     words.text("lidar: turns ").number(turns).text(", frames ").number(frames);
                     words.text(", damaged ").number(bad)
                 }
-                Some(SensorCounters::Radio(radio::Counters { angles, others, refused })) => {
+                Some(SensorCounters::Radio(radio::Counters { angles, others, unclear, refused })) => {
                     words.text("radio: angles ").number(angles).text(", of other tags ").number(others);
-                    words.text(", refused ").number(refused)
+                    words.text(", without direction ").number(unclear).text(", refused ").number(refused)
                 }
                 None => words,
             },

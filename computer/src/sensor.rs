@@ -1,9 +1,11 @@
-//! What is on the serial line for a sensor: a [lidar](Lidar), or a [radio](Radio) that measures angles, or nothing.
+//! What is on the serial line for a sensor: a [lidar](Lidar), or a [radio](Radio) that finds directions, or nothing.
 
 use foxhound_core::base::error::ConfigError;
 use foxhound_core::base::time::Instant;
+use foxhound_core::doa::radio::Sends;
 use foxhound_core::guidance;
 
+use crate::iq::Reports;
 use crate::lidar::{self, Lidar};
 use crate::radio::Radio;
 
@@ -19,22 +21,29 @@ pub enum Sensor {
 
 /// The sensor of guidance's configuration, if that has one.
 ///
+/// Readers of IQ reports have memory of their own, which is made ready.
+///
 /// # Errors
 /// The field that is out of range.
 #[inline(never)]
-pub fn build(config: &guidance::Config) -> Result<Option<Sensor>, ConfigError> {
+pub fn build(config: &guidance::Config, reports: &mut Reports) -> Result<Option<Sensor>, ConfigError> {
     match config.radio {
-        Some(mount) => Ok(Some(Sensor::Radio(Radio::new(mount)))),
+        Some(mount) => {
+            if mount.sends == Sends::IqReports {
+                reports.begin(&mount)?;
+            }
+            Ok(Some(Sensor::Radio(Radio::new(mount))))
+        }
         None => Ok(lidar::build(config)?.map(Sensor::Lidar)),
     }
 }
 
 impl Sensor {
     /// Takes bytes that have arrived by now.
-    pub fn push(&mut self, now: Instant, bytes: &[u8]) {
+    pub fn push(&mut self, now: Instant, bytes: &[u8], reports: &mut Reports) {
         match self {
             Self::Lidar(lidar) => lidar.push(now, bytes),
-            Self::Radio(radio) => radio.push(now, bytes),
+            Self::Radio(radio) => radio.push(now, bytes, reports),
         }
     }
 

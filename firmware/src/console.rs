@@ -10,7 +10,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::signal::Signal;
-use foxhound_computer::camera::{self, Came, Camera, Sighted};
+use foxhound_computer::camera::{self, Came, Camera, Detector, Sighted};
 use foxhound_computer::log::ring::{Consumer, Ring};
 use foxhound_computer::log::{Log, State};
 use foxhound_computer::port::{Command, Lines, Status, Waiting};
@@ -19,7 +19,6 @@ use foxhound_core::ConfigError;
 use foxhound_core::guidance;
 use foxhound_core::guidance::mission::Control;
 use foxhound_core::landing::observation::PadObservation;
-use foxhound_pad::Detector;
 use heapless::Vec;
 use static_cell::{ConstStaticCell, StaticCell};
 

@@ -325,7 +325,10 @@ fn it_flies_by_the_lines_of_a_radio_and_tells_of_damaged_ones() {
         computing.type_line("status");
         let answers = answers(&computing.console);
         let line = answers.lines().find(|line| line.starts_with("radio: angles ")).unwrap();
-        assert!(line.ends_with(", of other tags 0, refused 1") && !line.contains("angles 0"), "{line}");
+        assert!(
+            line.ends_with(", of other tags 0, without direction 0, refused 1") && !line.contains("angles 0"),
+            "{line}"
+        );
     });
 }
 

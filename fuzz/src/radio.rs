@@ -1,8 +1,9 @@
 //! Readers of what direction finders send over a serial line.
 
+use foxhound_computer::iq::Reports;
 use foxhound_computer::radio::Radio;
 use foxhound_core::base::time::Instant;
-use foxhound_core::doa::radio::Mount;
+use foxhound_core::doa::radio::{Mount, Sends};
 use foxhound_link::radio::{hci, uudf};
 
 use super::{Draw, Reached};
@@ -19,6 +20,9 @@ pub fn radio(case: &[u8]) -> Reached {
         return Reached::default();
     }
     let mut radio = Radio::new(mount);
+    let of_reports = Mount { sends: Sends::IqReports, ..mount };
+    let (mut line, mut board) = (Radio::new(of_reports), Reports::new());
+    assert!(board.begin(&of_reports).is_ok());
     while !draw.rest.is_empty() {
         let count = match draw.below(8) {
             0 => draw.byte(),
@@ -43,6 +47,17 @@ pub fn radio(case: &[u8]) -> Reached {
             _ => {}
         }
         let before = reports.counters().reports;
+        let known = line.counters();
+        line.push(Instant(1), &bytes, &mut board);
+        let now = line.counters();
+        assert!(line.bearing().is_none() || now.angles > known.angles, "a bearing without a report");
+        if let Some(bearing) = line.bearing() {
+            let (azimuth_rad, sigma_rad) = (bearing.azimuth_rad, bearing.sigma_rad);
+            assert!(bearing.valid && azimuth_rad.abs() <= core::f32::consts::PI + 1e-4, "{bearing:?}");
+            assert!(sigma_rad >= mount.sigma_rad.min(1.0) - 1e-6 && sigma_rad <= core::f32::consts::PI, "{bearing:?}");
+        }
+        line.take();
+        board.end_step();
         for byte in &bytes {
             if let Some(Ok(report)) = reports.push(*byte) {
                 reached.answers += 1;
@@ -75,7 +90,7 @@ pub fn radio(case: &[u8]) -> Reached {
             let at = usize::from(draw.byte()) % text.len();
             text[at] = draw.byte();
         }
-        radio.push(Instant(1), &text);
+        radio.push(Instant(1), &text, &mut Reports::new());
         let before = reached.settled;
         for byte in text {
             if let Some(Ok(angle)) = lines.push(byte) {

@@ -150,9 +150,12 @@ fn by_the_same_bytes_of_a_lidar_the_firmware_flies_the_same_flight() {
     assert_eq!(here, there);
 }
 
-/// The same with nothing but the lines of a radio for bearings.
-fn a_flight_by_a_radio_is_flown_again(computer: impl Fn(&Mission) -> Box<dyn Computer>) -> String {
-    let mission = mission(scenario("../computer/uudf.json"));
+/// What a radio sends: angles, and samples.
+const RADIOS: [&str; 2] = ["../computer/uudf.json", "../computer/hci.json"];
+
+/// The same with nothing but the bytes of a radio for bearings.
+fn a_flight_by_a_radio_is_flown_again(radio: &str, computer: impl Fn(&Mission) -> Box<dyn Computer>) -> String {
+    let mission = mission(scenario(radio));
     let mut computer = computer(&mission);
     computer.log_flight();
     let record = flight::fly(&mission, computer.as_mut(), None, |_| ()).unwrap();
@@ -163,20 +166,24 @@ fn a_flight_by_a_radio_is_flown_again(computer: impl Fn(&Mission) -> Box<dyn Com
     summary.trace_hash
 }
 
-/// A flight whose bearings come only from the `+UUDF` lines of a radio reaches the beacon, and is replayed from its log with
-/// identical bits.
+/// A flight whose bearings come only from the `+UUDF` lines of a radio, or only from the IQ reports of a Bluetooth controller, reaches
+/// the beacon, and is replayed from its log with identical bits.
 #[test]
 fn a_flight_by_a_radio_in_process_is_flown_again_to_the_last_bit() {
-    a_flight_by_a_radio_is_flown_again(host);
+    for radio in RADIOS {
+        a_flight_by_a_radio_is_flown_again(radio, host);
+    }
 }
 
-/// With the same `+UUDF` lines of a radio the firmware in QEMU flies the desktop's flight to the beacon, and its log is replayed with
-/// identical bits.
+/// With the same `+UUDF` lines of a radio, or IQ reports of a Bluetooth controller, the firmware in QEMU flies the desktop's flight to
+/// the beacon, and its log is replayed with identical bits.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn by_the_same_lines_of_a_radio_the_firmware_flies_the_same_flight() {
-    let [here, there] = [host, twin].map(|computer| a_flight_by_a_radio_is_flown_again(computer));
-    assert_eq!(here, there);
+    for radio in RADIOS {
+        let [here, there] = [host, twin].map(|computer| a_flight_by_a_radio_is_flown_again(radio, computer));
+        assert_eq!(here, there);
+    }
 }
 
 /// A flight on the desktop is replayed from its log with identical bits.

@@ -2,4 +2,5 @@
 
 mod failsafes;
 mod flight_log;
+mod iq;
 mod selftest;

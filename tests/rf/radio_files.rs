@@ -269,7 +269,8 @@ fn bluetooth_iq_reports_give_bearings() {
     };
     let (good, array) = (&captures[0].1, Reports::array());
     assert!(
-        refused(good, &array.replace("4e-6", "2e-6")).contains("report 0: switch.slot_s = 2e-6: Slot_Durations = 2 us")
+        refused(good, &array.replace("4e-6", "2e-6"))
+            .contains("report 0: switch.slot_s = 0.000002: Slot_Durations = 2 us")
     );
     assert!(refused(good, &array.replace("1e6", "2e6")).contains("sample_rate_hz = 2000000"));
     assert!(refused(good, array.split("[switch]").next().unwrap()).contains("switch: missing"));

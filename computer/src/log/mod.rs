@@ -47,7 +47,7 @@ use ring::{Full, Producer};
 use secret::Mask;
 
 /// Version of the records.
-pub const LAYOUT: u8 = 8;
+pub const LAYOUT: u8 = 9;
 /// Frames from one with samples to the next.
 const CODES_EVERY: u8 = 50;
 /// Bytes of the samples of one frame: 12 bits each.
@@ -286,6 +286,8 @@ impl<'a> Log<'a> {
         let (layout, param_layout) = (LAYOUT, param::LAYOUT);
         self.write(Kind::Begin, &Begin { layout, param_layout, version, why, needs_entry, config, values });
         self.state.codes_due_in = 0;
+        // What the sensor's line has said once, and will not say again.
+        flight.reports.known().for_each(|packet| self.hear_sensor(&packet));
     }
 
     /// Bytes of the autopilot, as they are passed to the link, in pieces of any size.

@@ -2,6 +2,7 @@ use super::frame::LogDeframer;
 use super::ring::Ring;
 use super::*;
 use crate::flight::{self, Receiver};
+use crate::iq::Reports;
 use crate::selftest;
 use crate::sensor::Sensor;
 use foxhound_core::base::ned::Horizontal;
@@ -22,6 +23,7 @@ struct Parts {
     companion: Companion,
     receiver: Receiver,
     sensor: Option<Sensor>,
+    reports: Reports,
 }
 
 impl Parts {
@@ -36,12 +38,13 @@ impl Parts {
             companion: companion::Config::default().build_with(Values::of(&config)).unwrap(),
             receiver: Receiver::new(None, &selftest::Config::default()).unwrap(),
             sensor: None,
+            reports: Reports::new(),
         })
     }
 
     fn flight(&mut self) -> Flight<'_> {
-        let Self { config, guidance, state, systems, companion, receiver, sensor } = self;
-        Flight { config, guidance, state, systems, companion, receiver, sensor }
+        let Self { config, guidance, state, systems, companion, receiver, sensor, reports } = self;
+        Flight { config, guidance, state, systems, companion, receiver, sensor, reports }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use foxhound_computer::SAMPLES_PER_CHANNEL as N;
 use foxhound_computer::flight::{Flight, ParameterStore as _, Receiver, Step};
+use foxhound_computer::iq::Reports;
 use foxhound_computer::selftest;
 use foxhound_computer::sensor::Sensor;
 use foxhound_computer::store::{Kept, Store};
@@ -37,6 +38,7 @@ struct Computer<'a> {
     companion: Companion,
     receiver: Receiver,
     sensor: Option<Sensor>,
+    reports: Reports,
     now: Instant,
     framer: Framer,
     words: Vec<String>,
@@ -65,6 +67,7 @@ impl<'a> Computer<'a> {
             companion: link.build_with(Values::of(&config)).unwrap(),
             receiver: Receiver::new(None, &selftest::Config::default()).unwrap(),
             sensor: None,
+            reports: Reports::new(),
             store,
             now: Instant(1_000_000),
             framer: Framer::new(),
@@ -80,8 +83,8 @@ impl<'a> Computer<'a> {
     }
 
     fn parts(&mut self) -> (Flight<'_>, &mut Store<&'a mut Flash>) {
-        let Self { config, guidance, state, systems, companion, receiver, sensor, store, .. } = self;
-        (Flight { config, guidance, state, systems, companion, receiver, sensor }, store)
+        let Self { config, guidance, state, systems, companion, receiver, sensor, reports, store, .. } = self;
+        (Flight { config, guidance, state, systems, companion, receiver, sensor, reports }, store)
     }
 
     /// A step of the firmware.

@@ -25,9 +25,10 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embedded_storage::nor_flash::NorFlash;
 use foxhound_computer::SAMPLES_PER_CHANNEL;
-use foxhound_computer::camera;
+use foxhound_computer::camera::{self, Detector};
 use foxhound_computer::deadline::{self, Monitor};
 use foxhound_computer::flight::{self, Stepped};
+use foxhound_computer::iq::Reports;
 use foxhound_computer::log::Log;
 use foxhound_computer::port::{self, Command, HELP, SensorCounters, SensorStatus, Status, Waiting};
 use foxhound_computer::restart::{Cause, Restart};
@@ -42,8 +43,7 @@ use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, Guidance};
 use foxhound_core::landing::observation::PadObservation;
 use foxhound_link::companion::{self, Companion, Exam, Pace, Tone};
-use foxhound_pad::Detector;
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::board::{Board, Call, Done, Pacer, Planned, Receiver, Step, Watchdog, Write as _};
 use crate::console::Console;
@@ -383,8 +383,8 @@ fn begin<B: Board>(config: &guidance::Config, state: &'static mut State) -> Resu
     let guidance = first_guidance(config)?;
     let systems = SYSTEMS.init(Systems::build(config)?);
     let companion = first_companion(config)?;
-    let sensor = first_sensor(config)?;
-    Ok(Flight { config, guidance, state, systems, companion, receiver, sensor })
+    let (sensor, reports) = first_sensor(config)?;
+    Ok(Flight { config, guidance, state, systems, companion, receiver, sensor, reports })
 }
 
 #[inline(never)]
@@ -400,9 +400,11 @@ fn first_companion(config: &guidance::Config) -> Result<&'static mut Companion, 
 }
 
 #[inline(never)]
-fn first_sensor(config: &guidance::Config) -> Result<&'static mut Option<Sensor>, ConfigError> {
+fn first_sensor(config: &guidance::Config) -> Result<(&'static mut Option<Sensor>, &'static mut Reports), ConfigError> {
     static SENSOR: StaticCell<Option<Sensor>> = StaticCell::new();
-    Ok(SENSOR.init(sensor::build(config)?))
+    static REPORTS: ConstStaticCell<Reports> = ConstStaticCell::new(Reports::new());
+    let reports = REPORTS.take();
+    Ok((SENSOR.init(sensor::build(config, reports)?), reports))
 }
 
 /// The serial lines of guidance.

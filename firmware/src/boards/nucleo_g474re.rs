@@ -4,7 +4,7 @@
 //! |---|---|
 //! | MAVLink, 921 600 baud, 8N1 | USART1: TX PA9 (CN5-1, D8), RX PA10 (CN9-3, D2): see `serial` |
 //! | maintenance port, 921 600 baud, 8N1 | LPUART1, to the ST-LINK's virtual COM port: TX PA2, RX PA3: see `serial` |
-//! | lidar, 230 400 baud, or radio, 115 200, 8N1 | USART3: RX PC11 (CN7-2): see `serial` |
+//! | lidar, 230 400 baud, or radio, 115 200 or 1 000 000, 8N1 | USART3: RX PC11 (CN7-2): see `serial` |
 //! | antennas | PA0, PA1, PB0, PB12: see `acquisition` |
 //! | storage | the last 16 KB of the flash: see `flash` |
 //! | test tone | PA4: see `tone` |

@@ -6,6 +6,7 @@ use std::fmt;
 
 use foxhound_computer::camera::{self, Came, Camera, Sighted};
 use foxhound_computer::flight::{Flight, Receiver, Step, Stepped};
+use foxhound_computer::iq::Reports;
 use foxhound_computer::selftest::{self, Report};
 use foxhound_computer::sensor::{self, Sensor};
 use foxhound_computer::twin::Planned;
@@ -173,6 +174,7 @@ pub struct HostComputer {
     camera: Camera,
     sighted: Option<Sighted>,
     sensor: Option<Sensor>,
+    reports: Reports,
     /// Bytes of the sensor for the next step.
     turned: Vec<u8>,
 }
@@ -184,6 +186,7 @@ impl HostComputer {
     /// The field of the configuration that is refused.
     pub fn new(config: &guidance::Config) -> Result<Self, ConfigError> {
         let guidance = AllSystems::guidance(config)?;
+        let mut reports = Reports::new();
         Ok(Self {
             config: *config,
             companion: companion::Config::default().build_with(Values::of(config))?,
@@ -197,7 +200,8 @@ impl HostComputer {
             receiver: Receiver::new(None, &selftest::Config::default())?,
             camera: Camera::new(camera::detector(config)?),
             sighted: None,
-            sensor: sensor::build(config)?,
+            sensor: sensor::build(config, &mut reports)?,
+            reports,
             turned: Vec::new(),
             guidance,
         })
@@ -232,8 +236,8 @@ impl HostComputer {
 
     /// The flight's parts, and the storage of its parameters.
     fn parts(&mut self) -> (Flight<'_, AllSystems>, &mut Option<Store>) {
-        let Self { config, guidance, state, systems, companion, store, receiver, sensor, .. } = self;
-        (Flight { config, guidance, state, systems, companion, receiver, sensor }, store)
+        let Self { config, guidance, state, systems, companion, store, receiver, sensor, reports, .. } = self;
+        (Flight { config, guidance, state, systems, companion, receiver, sensor, reports }, store)
     }
 }
 

@@ -122,7 +122,13 @@ impl Mission {
             ..core_landing::Config::default()
         });
         config.lidar = (scenario.sensor.model == SensorModel::Lidar).then(Mount::default);
-        config.radio = (scenario.bearing_model() == BearingModel::Uudf).then(|| radio::Mount {
+        let sends = match scenario.bearing_model() {
+            BearingModel::Uudf => Some(radio::Sends::Angles),
+            BearingModel::Hci => Some(radio::Sends::IqReports),
+            BearingModel::Noise | BearingModel::Rf => None,
+        };
+        config.radio = sends.map(|sends| radio::Mount {
+            sends,
             sigma_rad: (scenario.bearing.sigma_deg.to_radians() as f32).max(SIGMA_FLOOR_RAD as f32),
             ..radio::Mount::default()
         });
@@ -225,7 +231,7 @@ pub fn fly_until(
             let motion = &sensed.motion;
             let heard = receiver.receive(&rig.world, &motion.pose, now, time_s);
             if let Some(line) = heard.line() {
-                computer.turn(line.as_bytes())?;
+                computer.turn(line)?;
             }
             let report = computer.step(now, heard.front_end(), sensed.circles.as_deref(), &sensed.rx)?;
             if let Some(log) = log.as_deref_mut() {

@@ -13,6 +13,7 @@
 use std::collections::VecDeque;
 
 use foxhound_computer::flight::{Flight, ParameterStore, Receiver, Step};
+use foxhound_computer::iq::Reports;
 use foxhound_computer::log::frame::{Frame, LogDeframer};
 use foxhound_computer::log::{self, Begin, Beginning, LAYOUT, Record};
 use foxhound_computer::selftest;
@@ -250,6 +251,7 @@ struct Flown {
     companion: Companion,
     receiver: Receiver,
     sensor: Option<Sensor>,
+    reports: Reports,
     plans: VecDeque<Answer>,
     steps: u64,
     has_differed: bool,
@@ -278,6 +280,7 @@ impl Flown {
         if begin.needs_entry {
             companion.require_entry();
         }
+        let mut reports = Reports::new();
         Ok(Box::new(Self {
             begun_with: begin.config,
             config: begin.config,
@@ -286,7 +289,8 @@ impl Flown {
             systems: AllSystems::build(&begin.config)?,
             companion,
             receiver: Receiver::new(None, &selftest::Config::default())?,
-            sensor: sensor::build(&begin.config)?,
+            sensor: sensor::build(&begin.config, &mut reports)?,
+            reports,
             plans: VecDeque::new(),
             steps: 0,
             has_differed: false,
@@ -379,8 +383,8 @@ impl Flown {
     }
 
     fn flight(&mut self) -> Flight<'_, AllSystems> {
-        let Self { config, guidance, state, systems, companion, receiver, sensor, .. } = self;
-        Flight { config, guidance, state, systems, companion, receiver, sensor }
+        let Self { config, guidance, state, systems, companion, receiver, sensor, reports, .. } = self;
+        Flight { config, guidance, state, systems, companion, receiver, sensor, reports }
     }
 
     /// Whether the samples give the logged measurement, as far as that can be compared.

@@ -265,7 +265,7 @@ impl Scenario {
         if let (Some((field, _)), BearingModel::Rf) =
             (needs_noise.iter().find(|(_, is_set)| *is_set), self.bearing_model())
         {
-            return Err(InputError::new(format!("{field}: only where bearing.model is `noise` or `uudf`")));
+            return Err(InputError::new(format!("{field}: only where bearing.model is not `rf`")));
         }
         if let Some(antenna) = self.antenna {
             check("antenna.exponent", antenna.exponent, 0.5, 8.0)?;
@@ -358,7 +358,7 @@ impl Scenario {
     fn needs_waveforms(&self, field: &str) -> Result<(), InputError> {
         match self.bearing_model() {
             BearingModel::Rf => Ok(()),
-            BearingModel::Noise | BearingModel::Uudf => {
+            BearingModel::Noise | BearingModel::Uudf | BearingModel::Hci => {
                 Err(InputError::new(format!("{field}: needs bearing.model `rf`; other models have no channels")))
             }
         }

@@ -3,6 +3,7 @@
 //! btsnoop is a header of sixteen bytes (`btsnoop\0`, version 1, kind of packets) and records of a header of 24 bytes and a packet; numbers
 //! are big-endian. Kinds: 1001 (H1, no packet type: flags tell what a packet is), 1002 (H4) and 2001 (Linux' monitor).
 
+use foxhound_computer::iq::{self, Array, Samples};
 use foxhound_core::signal::phase::Complex;
 use foxhound_link::radio::hci::{self, IqReport, Refused};
 
@@ -10,8 +11,6 @@ use super::radio_array::RadioArray;
 use crate::scenario::input::InputError;
 
 const MAGIC: &[u8] = b"btsnoop\0";
-/// Sample rate of the reference period.
-const REFERENCE_HZ: f64 = 1e6;
 /// Longest valid record.
 const RECORD_MAX: usize = 1 << 20;
 /// Opcode of an event in the monitor format.
@@ -35,36 +34,19 @@ pub(super) struct Reports {
 }
 
 /// Converts a report to a packet of the array and checks it against the switching schedule; an unusable report has no samples.
+fn packet(report: &IqReport, array: &RadioArray) -> Result<Packet, InputError> {
+    let Array { switch, .. } = array_of(array)?;
+    let Samples { reference, slots } = iq::samples(report, &switch)?.unwrap_or_default();
+    Ok(Packet { emitter: i32::from(report.handle), reference: reference.to_vec(), values: slots.to_vec() })
+}
+
+/// The array behind a switch that a file describes.
 ///
 /// # Errors
-/// The key of the array file that it contradicts.
-pub(crate) fn packet(report: &IqReport, array: &RadioArray) -> Result<(i32, Vec<Complex>, Vec<Complex>), InputError> {
-    let Some(switch) = array.switch else {
-        return Err(InputError::new("switch: missing; IQ reports need [switch] with slot_s and pattern"));
-    };
-    if (array.sample_rate_hz - REFERENCE_HZ).abs() > 1e-6 * REFERENCE_HZ {
-        let rate_hz = array.sample_rate_hz;
-        return Err(InputError::new(format!(
-            "sample_rate_hz = {rate_hz}: the reference period of IQ reports has {REFERENCE_HZ}"
-        )));
-    }
-    let slot_s = 2e-6 * f64::from(report.slot_us);
-    if report.is_usable() && (f64::from(switch.slot_s) - slot_s).abs() > 1e-3 * slot_s {
-        let (us, own_s) = (report.slot_us, switch.slot_s);
-        return Err(InputError::new(format!(
-            "switch.slot_s = {own_s:e}: Slot_Durations = {us} us of a report make {slot_s:e}"
-        )));
-    }
-    let complex = |samples: &[[i8; 2]]| {
-        let part = |part: i8| f32::from(part) / 128.0;
-        samples.iter().map(|[i, q]| Complex { re: part(*i), im: part(*q) }).collect()
-    };
-    let emitter = i32::from(report.handle);
-    if report.is_usable() {
-        Ok((emitter, complex(report.reference()), complex(report.slots())))
-    } else {
-        Ok((emitter, Vec::new(), Vec::new()))
-    }
+/// There is no switch.
+pub(super) fn array_of(array: &RadioArray) -> Result<Array, InputError> {
+    let missing = || InputError::new("switch: missing; IQ reports need [switch] with slot_s and pattern");
+    Ok(Array { beam: array.beam, switch: array.switch.ok_or_else(missing)? })
 }
 
 /// Reads a file.
@@ -82,8 +64,7 @@ pub(super) fn read(bytes: &[u8], array: &RadioArray) -> Result<Reports, InputErr
     let mut packets = Vec::with_capacity(reports.len());
     for (at, report) in reports.iter().enumerate() {
         let named = |error: InputError| InputError::new(format!("report {at}: {error}"));
-        let (emitter, reference, values) = packet(report, array).map_err(named)?;
-        packets.push(Packet { emitter, reference, values });
+        packets.push(packet(report, array).map_err(named)?);
     }
     let usable = reports.iter().filter(|report| report.is_usable()).count();
     if usable == 0 {

@@ -115,24 +115,19 @@ fn parse_emitters(bytes: &[u8], packets: usize) -> Result<Vec<i32>, InputError> 
 }
 
 /// The estimators of an array, one for each number of slots that packets have had.
-pub(super) struct Estimators {
+struct Estimators {
     array: RadioArray,
     samples: usize,
     by_slots: HashMap<usize, Estimator>,
 }
 
 impl Estimators {
-    pub(super) fn new(array: &RadioArray, samples: usize) -> Self {
+    fn new(array: &RadioArray, samples: usize) -> Self {
         Self { array: array.clone(), samples, by_slots: HashMap::new() }
     }
 
-    /// The array that they are for.
-    pub(super) const fn array(&self) -> &RadioArray {
-        &self.array
-    }
-
     /// The estimator for packets of this number of slots.
-    pub(super) fn of(&mut self, slots: usize) -> Result<&Estimator, InputError> {
+    fn of(&mut self, slots: usize) -> Result<&Estimator, InputError> {
         use std::collections::hash_map::Entry;
         match self.by_slots.entry(slots) {
             Entry::Occupied(entry) => Ok(entry.into_mut()),

@@ -24,6 +24,7 @@ mod course;
 pub mod deviation;
 mod draw;
 mod geometry;
+pub mod iq;
 pub mod lidar;
 mod people;
 mod person;

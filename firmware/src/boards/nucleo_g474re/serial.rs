@@ -1,5 +1,5 @@
-//! The serial lines, 8N1, by DMA: two of 921 600 baud in both directions, and one of 230 400, with a radio of 115 200, that
-//! only receives.
+//! The serial lines, 8N1, by DMA: two of 921 600 baud in both directions, and one of 230 400, with a radio of 115 200 or
+//! 1 000 000, that only receives.
 //!
 //! | line | pins | DMA1 | request |
 //! |---|---|---|---|
@@ -44,10 +44,10 @@ const LIDAR_BAUD: u32 = 230_400;
 const PIECE_BYTES: usize = 128;
 /// 44 ms at the full rate: two steps of guidance.
 const RING_BYTES: usize = 4096;
-/// A camera's bytes of 5.5 ms.
-const PORT_RING_BYTES: usize = 512;
-/// 44 ms at the full rate: two steps of guidance.
-const SENSOR_RING_BYTES: usize = 1024;
+/// A camera's bytes of 5.5 ms; without one it is for what is typed.
+const PORT_RING_BYTES: usize = if cfg!(feature = "pad") { 512 } else { 256 };
+/// 44 ms of a lidar at the full rate, two steps of guidance; 20.5 ms of IQ reports, one step.
+const SENSOR_RING_BYTES: usize = if cfg!(feature = "iq") { 2048 } else { 1024 };
 
 type Bytes<const N: usize> = [AtomicU8; N];
 
@@ -153,7 +153,7 @@ pub(super) fn start() -> ([(Receiver, Transmitter); 2], Receiver) {
 
 /// Gives the sensor's line the bit rate of the configured sensor.
 pub(super) fn follow(config: &guidance::Config) {
-    let baud = if config.radio.is_some() { radio::BAUD } else { LIDAR_BAUD };
+    let baud = config.radio.map_or(LIDAR_BAUD, |mount| radio::baud(mount.sends));
     SENSOR.set_divider(baud_divider(CLOCK_MHZ * 1_000_000, baud, 1));
 }
 

@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use foxhound_computer::iq::ARRAY;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::{self, Flags};
 use foxhound_core::guidance::FrontEnd;
@@ -10,6 +11,7 @@ use super::{Mission, SIGMA_FLOOR_RAD};
 use crate::drive::computer::BLOCK;
 use crate::scenario::{BearingModel, OtherBeacon, Pulses, inside};
 use crate::world::antennas::{Antennas, Fault, Interferer, Pattern, Reflection};
+use crate::world::iq;
 use crate::world::random::Random;
 use crate::world::{Horizontal, Pose, World, horizontal, rays, wrap_pi};
 
@@ -20,14 +22,16 @@ pub(super) struct Receiver<'a> {
     random: Random,
     /// Time of the next bearing of a slow radio.
     due_s: f64,
+    /// A Bluetooth controller has said whose packets it reports.
+    is_synchronised: bool,
 }
 
 /// The reception of one step.
 pub(super) enum Reception {
     Frame(Box<foxhound_core::base::adc::AdcFrame<BLOCK>>),
     Bearing(bearing::Bearing),
-    /// Of a radio on the computer's own line.
-    Line(String),
+    /// Bytes of a radio on the computer's own line.
+    Line(Vec<u8>),
     Nothing,
 }
 
@@ -50,8 +54,8 @@ impl Reception {
         }
     }
 
-    /// The line, if there is one.
-    pub(super) fn line(&self) -> Option<&str> {
+    /// The bytes of a radio, if there are any.
+    pub(super) fn line(&self) -> Option<&[u8]> {
         match self {
             Self::Line(line) => Some(line),
             _ => None,
@@ -69,15 +73,25 @@ impl<'a> Receiver<'a> {
         });
         let mut antennas = Antennas { snr_db: Some(snr_db), pattern, ..Antennas::default() };
         antennas.impairments.pulses = mission.scenario.bearing.pulses.map(Pulses::at_antennas);
-        Self { mission, antennas, random: Random::new(mission.seed, 1), due_s: 0.0 }
+        Self { mission, antennas, random: Random::new(mission.seed, 1), due_s: 0.0, is_synchronised: false }
     }
 
     pub(super) fn receive(&mut self, world: &World, vehicle: &Pose, now: Instant, time_s: f64) -> Reception {
-        let is_line = self.mission.scenario.bearing_model() == BearingModel::Uudf;
-        match self.hear(world, vehicle, now, time_s) {
-            Reception::Bearing(bearing) if is_line => uudf(&bearing).map_or(Reception::Nothing, Reception::Line),
-            heard => heard,
+        match (self.hear(world, vehicle, now, time_s), self.mission.scenario.bearing_model()) {
+            (Reception::Bearing(bearing), BearingModel::Uudf) => {
+                uudf(&bearing).map_or(Reception::Nothing, |line| Reception::Line(line.into_bytes()))
+            }
+            (Reception::Bearing(bearing), BearingModel::Hci) => Reception::Line(self.report(&bearing)),
+            (heard, _) => heard,
         }
+    }
+
+    /// The IQ report of a packet from there, in front of the first that of whose it is.
+    fn report(&mut self, bearing: &bearing::Bearing) -> Vec<u8> {
+        let is_known = std::mem::replace(&mut self.is_synchronised, true);
+        let mut bytes = if is_known { Vec::new() } else { iq::synchronised(HANDLE, ADDRESS) };
+        bytes.extend(iq::report(&ARRAY, HANDLE, f64::from(bearing.azimuth_rad), OFFSET_HZ));
+        bytes
     }
 
     fn hear(&mut self, world: &World, vehicle: &Pose, now: Instant, time_s: f64) -> Reception {
@@ -110,8 +124,8 @@ impl<'a> Receiver<'a> {
             let is_dead = inside(scenario.faults.dead_channels[channel], time_s) || is_single && channel > 0;
             if is_dead { Fault::Dead } else { Fault::None }
         });
-        let is_line = scenario.bearing_model() == BearingModel::Uudf;
-        if let Some(rate_hz) = settings.rate_hz.or_else(|| is_line.then_some(UUDF_HZ)) {
+        let is_line = matches!(scenario.bearing_model(), BearingModel::Uudf | BearingModel::Hci);
+        if let Some(rate_hz) = settings.rate_hz.or_else(|| is_line.then_some(RADIO_HZ)) {
             if time_s < self.due_s {
                 return Reception::Nothing;
             }
@@ -119,8 +133,8 @@ impl<'a> Receiver<'a> {
         }
         match scenario.bearing_model() {
             _ if !world.walls.is_empty() => self.receive_among_walls(world, vehicle, now, time_s, is_silent),
-            BearingModel::Noise | BearingModel::Uudf if is_silent => Reception::Nothing,
-            BearingModel::Noise | BearingModel::Uudf => {
+            BearingModel::Noise | BearingModel::Uudf | BearingModel::Hci if is_silent => Reception::Nothing,
+            BearingModel::Noise | BearingModel::Uudf | BearingModel::Hci => {
                 let sigma_rad = settings.sigma_deg.to_radians();
                 let azimuth_rad = bearing_ned_rad - vehicle.yaw_rad + sigma_rad * self.random.gaussian();
                 // The sigma includes the bias, as found by a calibration at many places.
@@ -155,8 +169,10 @@ impl Receiver<'_> {
         let Some(strongest) = paths.first() else { return Reception::Nothing };
         let snr_db = settings.snr_db.unwrap_or(DEFAULT_SNR_DB) + strongest.gain_db() + 20.0 * libm::log10(REFERENCE_M);
         match self.mission.scenario.bearing_model() {
-            BearingModel::Noise | BearingModel::Uudf if is_silent || snr_db < SNR_MIN_DB => Reception::Nothing,
-            BearingModel::Noise | BearingModel::Uudf => {
+            BearingModel::Noise | BearingModel::Uudf | BearingModel::Hci if is_silent || snr_db < SNR_MIN_DB => {
+                Reception::Nothing
+            }
+            BearingModel::Noise | BearingModel::Uudf | BearingModel::Hci => {
                 let sigma_rad = settings.sigma_deg.to_radians();
                 let heard_rad = strongest.bearing_rad(from) + sigma_rad * self.random.gaussian();
                 let mut bearing = bearing_of(now, wrap_pi(heard_rad - vehicle.yaw_rad), sigma_rad.max(SIGMA_FLOOR_RAD));
@@ -189,8 +205,12 @@ fn uudf(bearing: &bearing::Bearing) -> Option<String> {
         .then(|| format!("+UUDF:6C1DEBA41845,-56,{azimuth_deg:.0},0,0,37,\"6C1DEBA79D14\",\"\",{time_ms},0\r\n"))
 }
 
-/// Lines of the radio a second.
-const UUDF_HZ: f64 = 10.0;
+/// Lines or packets of the radio a second.
+const RADIO_HZ: f64 = 10.0;
+/// Of the beacon, for a Bluetooth controller: its handle, its address, and how far its frequency is off.
+const HANDLE: u8 = 1;
+const ADDRESS: u64 = 0x6C1D_EBA4_1845;
+const OFFSET_HZ: f64 = 7e3;
 
 /// A standard normal number that is fixed for each place.
 fn place_bias(seed: u64, at: Horizontal) -> f64 {

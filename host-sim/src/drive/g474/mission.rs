@@ -27,7 +27,7 @@ impl Needs {
         if scenario.bearing_model() == BearingModel::Noise {
             return refuse(
                 "bearing.model",
-                "the image needs waveforms (rf; --snr-db selects them) or lines of a radio (uudf)",
+                "the image needs waveforms (rf; --snr-db selects them) or the bytes of a radio (uudf, hci)",
             );
         }
         if scenario.faults.nan_bearing.is_some() {

@@ -126,7 +126,7 @@ pub struct Bearing {
     pub only: bool,
     /// Antenna waveforms, or bearings with noise.
     pub model: Option<BearingModel>,
-    /// Standard deviation of the noise model and the `+UUDF` lines.
+    /// Standard deviation of the noise model and the radios.
     #[schemars(range(min = 0.0, max = 180.0))]
     pub sigma_deg: f64,
     /// Signal-to-noise ratio per sample of the waveforms.
@@ -141,7 +141,7 @@ pub struct Bearing {
     pub tone_known: bool,
     /// The beacon transmits in pulses only.
     pub pulses: Option<Pulses>,
-    /// Bearings a second of the noise model and the `+UUDF` lines, as of a radio that is slower than the flight [default: one every step].
+    /// Bearings a second of the noise model and the radios, as of one that is slower than the flight [default: one every step].
     #[schemars(range(min = 0.2, max = 50.0))]
     pub rate_hz: Option<f64>,
     /// Standard deviation of an error of the noise model that stays the same within two metres.
@@ -160,6 +160,8 @@ pub enum BearingModel {
     /// The same as `+UUDF` lines of a radio on a serial line of the flight computer, whole degrees, ten a second unless `rate_hz` says
     /// otherwise; it hears the half plane ahead.
     Uudf,
+    /// The same as Bluetooth's IQ reports of an antenna array on that line, ten a second unless `rate_hz` says otherwise.
+    Hci,
 }
 
 /// Wrong bearings: a share of them is off by an angle.

@@ -1,21 +1,22 @@
 //! IQ reports and `+UUDF` lines over a serial line.
 
-use std::collections::HashMap;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
+use foxhound_computer::iq;
 use foxhound_core::base::time;
-use foxhound_core::doa::switched::{Emitter, Group};
+use foxhound_core::doa::switched::FLOOR_RAD;
 use foxhound_link::radio::{hci, uudf};
 
 use super::{Event, Measurement};
 use crate::autopilot::transport::Line;
 use crate::scenario::input::InputError;
-use crate::tools::hci::packet;
+use crate::tools::hci::array_of;
 use crate::tools::radio_array::RadioArray;
-use crate::tools::switched::Estimators;
 
-/// Largest number of transmitters; handles have 12 bits, and line noise can invent many.
-const EMITTERS_MAX: usize = 64;
+/// A silence in which no packet goes on.
+const PAUSE: Duration = Duration::from_micros(iq::PAUSE_US);
+/// Transmitters that are told apart; handles have 12 bits, and line noise can invent many.
+const TRANSMITTERS: usize = 64;
 /// Handles are at most this; what is larger is an address.
 const HANDLE_MAX: u64 = 0x0FFF;
 
@@ -29,21 +30,34 @@ pub(super) struct Serial {
     line: Line,
     reader: Reader,
     was_open: bool,
+    /// When the last bytes came.
+    last: Instant,
 }
 
 impl Serial {
     pub(super) fn reports(line: Line, reports: Reports) -> Self {
-        Self { line, reader: Reader::Reports(Box::new((hci::Reader::new(), reports))), was_open: true }
+        Self {
+            line,
+            reader: Reader::Reports(Box::new((hci::Reader::new(), reports))),
+            was_open: true,
+            last: Instant::now(),
+        }
     }
 
     pub(super) fn angles(line: Line) -> Self {
-        Self { line, reader: Reader::Angles(uudf::Reader::default()), was_open: true }
+        Self { line, reader: Reader::Angles(uudf::Reader::default()), was_open: true, last: Instant::now() }
     }
 
     /// The events since the last call. The wanted transmitter is a handle, or an address.
     pub(super) fn events(&mut self, wanted: Option<u64>) -> Vec<Event> {
         let bytes = self.line.read();
         let is_open = self.line.is_open();
+        if !bytes.is_empty() {
+            let silent = std::mem::replace(&mut self.last, Instant::now()).elapsed();
+            if let (Reader::Reports(both), true) = (&mut self.reader, silent > PAUSE) {
+                both.0.pause();
+            }
+        }
         let mut events = self.reader.read(&bytes, wanted);
         if self.was_open && !is_open {
             events.push(Event::Lost("the serial line is closed".to_owned()));
@@ -87,47 +101,25 @@ impl Reader {
     }
 }
 
-/// The estimators, and the state of each transmitter.
+/// The directions of the packets that are reported.
 pub(super) struct Reports {
-    estimators: Estimators,
-    emitters: HashMap<Transmitter, Emitter>,
-}
-
-/// A transmitter: by its address where it is known, as the controller may give its handle to another.
-#[derive(PartialEq, Eq, Hash)]
-enum Transmitter {
-    Address(u64),
-    Handle(bool, u16),
+    array: iq::Array,
+    finder: iq::Finder<TRANSMITTERS>,
 }
 
 impl Reports {
     pub(super) fn new(array: &RadioArray) -> Result<Self, InputError> {
-        // An array that cannot be used is refused before the flight, with a constant tone extension of 160 us.
-        let mut estimators = Estimators::new(array, 1);
-        estimators.of(hci::SAMPLES_MAX - hci::REFERENCE)?;
-        Ok(Self { estimators, emitters: HashMap::new() })
+        let floor_rad = array.sigma_floor_rad.unwrap_or(FLOOR_RAD);
+        let mut reports = Self { array: array_of(array)?, finder: iq::Finder::new() };
+        reports.finder.begin(&reports.array, floor_rad)?;
+        Ok(reports)
     }
 
     fn estimate(&mut self, report: &hci::IqReport, address: Option<u64>, now: Instant) -> Event {
-        let refused = |error: InputError| Event::Refused(error.to_string());
-        let (_, reference, values) = match packet(report, self.estimators.array()) {
-            Ok(parts) => parts,
-            Err(error) => return refused(error),
-        };
-        if values.is_empty() {
-            return Event::Nothing("reports without samples to use".to_owned());
+        match self.finder.bearing(&self.array.switch, report, address, time::Instant(0)) {
+            Ok(Some(bearing)) => Measurement::of(&bearing, now),
+            Ok(None) => Event::Nothing("reports without samples to use".to_owned()),
+            Err(error) => Event::Refused(error.to_string()),
         }
-        let handle = || Transmitter::Handle(report.link == hci::Link::Connection, report.handle);
-        let transmitter = address.map_or_else(handle, Transmitter::Address);
-        if self.emitters.len() >= EMITTERS_MAX && !self.emitters.contains_key(&transmitter) {
-            return Event::Nothing("more transmitters than are told apart".to_owned());
-        }
-        let estimator = match self.estimators.of(values.len()) {
-            Ok(estimator) => estimator,
-            Err(error) => return refused(error),
-        };
-        let mut group = Group::default();
-        estimator.take_with(self.emitters.entry(transmitter).or_default(), &mut group, &reference, &values);
-        Measurement::of(&estimator.bearing(&group, time::Instant(0)).bearing, now)
     }
 }
