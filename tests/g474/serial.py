@@ -6,8 +6,8 @@ from blocks import Block
 from core import UNITS_PER_S
 from rules import require
 
-# Of a lidar, and of a radio, at USART3.
-LINE_BAUD = {"USART1": (921_600,), "LPUART1": (921_600,), "USART3": (230_400, 115_200)}
+# Of a lidar, and of two kinds of radios, at USART3.
+LINE_BAUD = {"USART1": (921_600,), "LPUART1": (921_600,), "USART3": (230_400, 115_200, 1_000_000)}
 BITS = 10
 HSI_HZ = 16_000_000
 PE, FE, NE, ORE, IDLE, RXNE, TC, TXE = (1 << bit for bit in range(8))

@@ -86,6 +86,18 @@ pub fn g474_image() -> String {
     }
 }
 
+/// The image for it that reads IQ reports, which `cargo xtask test` builds and names.
+///
+/// # Panics
+/// When it is not named.
+#[must_use]
+pub fn g474_iq_image() -> String {
+    match std::env::var("FOXHOUND_G474_IQ_ELF") {
+        Ok(path) => path,
+        Err(_) => fail("FOXHOUND_G474_IQ_ELF names no image; `cargo xtask test` builds one and runs this test"),
+    }
+}
+
 /// A Python with pymavlink, which `cargo xtask test` installs and names.
 ///
 /// # Panics

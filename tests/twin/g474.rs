@@ -4,6 +4,7 @@
 #![expect(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on has failed")]
 
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::obstacle::Circle;
@@ -25,7 +26,7 @@ use foxhound_sim::world::Pose;
 use foxhound_sim::world::antennas::Antennas;
 use foxhound_sim::world::random::Random;
 use foxhound_sim::world::vehicle::Motion;
-use foxhound_tests::{g474_image, python, qemu_image, root, run};
+use foxhound_tests::{g474_image, g474_iq_image, python, qemu_image, root, run};
 use serde_json::{Value, json};
 use stm32_metapac::metadata::METADATA;
 use stm32_metapac::metadata::ir::{Array, BitOffset, BlockItemInner, IR};
@@ -211,6 +212,26 @@ fn it_flies_by_a_lidar_and_by_a_radio_on_the_sensors_line() {
         assert!(replayed.is_identical() && replayed.late_steps == 0, "{replayed:?}");
         assert_eq!(replayed.trace_hash, report.trace_hash);
     }
+}
+
+/// The image that reads IQ reports flies by those of a Bluetooth controller for four seconds, with the trace hash of the desktop at every
+/// step.
+#[test]
+fn an_image_that_reads_iq_reports_flies_by_them() {
+    let text = std::fs::read_to_string(root().join("tests/computer/hci.json")).unwrap();
+    let (planner, estimator) = (planner::Config::default(), Estimator::default());
+    let mut mission = Mission { scenario: Scenario::parse(&text).unwrap(), seed: 3, planner, estimator };
+    let config = mission.guidance();
+    let needs = Needs::of(&mut mission, &config).unwrap();
+    let mut computer = G474Computer::start(Path::new(&g474_iq_image()), Options::default(), &needs).unwrap();
+    let stop = AtomicBool::new(false);
+    let watch = |moment: &flight::Moment<'_>| stop.store(moment.sample.time_s > 4.0, Ordering::Relaxed);
+    let report = flight::fly_until(&mission, &mut computer, None, &stop, watch).unwrap().report;
+    assert_eq!((report.result, report.collisions), (Ending::Interrupted, Some(0)), "{report:?}");
+    assert!(report.bearing_rms_deg.is_some_and(|rms_deg| rms_deg < 14.0), "{report:?}");
+    let replayed = replay(&computer.take_flight_log()).unwrap();
+    assert!(replayed.is_identical() && replayed.late_steps == 0, "{replayed:?}");
+    assert_eq!(replayed.trace_hash, report.trace_hash);
 }
 
 /// The image flies, its line full of telemetry, noise and breaks; what flies beside it only says what guidance would have said.

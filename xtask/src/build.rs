@@ -9,6 +9,31 @@ use crate::{Failure, attend};
 
 pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
 
+/// What an image has beside what all have.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::Args)]
+pub(crate) struct Parts {
+    /// Read Bluetooth's IQ reports, in place of the camera and its pad detector
+    #[arg(long)]
+    iq: bool,
+}
+
+impl Parts {
+    /// The other kind of image.
+    pub(crate) const IQ: Self = Self { iq: true };
+
+    /// A board's name with what its image has.
+    pub(crate) fn name(self, board: &str) -> String {
+        format!("{board}{}", if self.iq { "-iq" } else { "" })
+    }
+
+    /// Arguments of cargo for a board.
+    pub(crate) fn features(self, board: &str) -> Vec<String> {
+        let (others, iq) = if self.iq { (Some("--no-default-features"), ",iq") } else { (None, "") };
+        let features = ["--features".to_owned(), format!("board-{board}{iq}")];
+        others.map(str::to_owned).into_iter().chain(features).collect()
+    }
+}
+
 /// A linked image.
 pub(crate) struct Image {
     /// Absolute path of the ELF file.
@@ -26,11 +51,16 @@ pub(crate) struct Size {
 impl Image {
     /// Builds one of the firmware's programs.
     pub(crate) fn build(board: &str, program: &str) -> Result<Self, Failure> {
-        Self::build_in(workspace(), board, program)
+        Self::build_in(workspace(), board, program, Parts::default())
+    }
+
+    /// Builds the firmware with these parts.
+    pub(crate) fn with(parts: Parts, board: &str) -> Result<Self, Failure> {
+        Self::build_in(workspace(), board, "foxhound-firmware", parts)
     }
 
     /// The same in another clone of the repository.
-    pub(crate) fn build_in(root: &Path, board: &str, program: &str) -> Result<Self, Failure> {
+    pub(crate) fn build_in(root: &Path, board: &str, program: &str, parts: Parts) -> Result<Self, Failure> {
         install_target(TARGET)?;
         let mut cargo = cargo();
         cargo
@@ -46,14 +76,14 @@ impl Image {
                 "--target",
                 TARGET,
             ])
-            .args(["--features", &format!("board-{board}")])
+            .args(parts.features(board))
             .args(["--config", &path_setting(root, TARGET)?]);
         if root != workspace() {
             cargo.env_remove("CARGO_TARGET_DIR");
         }
         let built = built(&mut cargo, program)?;
         // Cargo puts every board's image in the same place.
-        let elf = built.with_file_name(format!("{program}-{board}.elf"));
+        let elf = built.with_file_name(format!("{program}-{}.elf", parts.name(board)));
         std::fs::copy(&built, &elf).map_err(|error| Failure(format!("{}: {error}", elf.display())))?;
         Ok(Self { elf })
     }

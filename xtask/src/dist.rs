@@ -12,7 +12,9 @@ use object::read::elf::{ElfFile32, ProgramHeader as _};
 use sha2::{Digest as _, Sha256};
 
 use crate::board::{NUCLEO, TWIN};
-use crate::build::{Image, answer, built, cargo, cargo_home, host, path_flags, path_setting, sysroot, workspace};
+use crate::build::{
+    Image, Parts, answer, built, cargo, cargo_home, host, path_flags, path_setting, sysroot, workspace,
+};
 use crate::{Failure, attend};
 
 /// The shells that get completions, and the names by which they find them.
@@ -66,7 +68,7 @@ pub(crate) fn image_again(board: &str, flown: &Image) -> Result<bool, Failure> {
         return Ok(false);
     }
     in_a_clone(|clone| {
-        let other = Image::build_in(clone, board, "foxhound-firmware")?;
+        let other = Image::build_in(clone, board, "foxhound-firmware", Parts::default())?;
         if read(&flown.elf)? != read(&other.elf)? {
             return Err(Failure(format!("{} and {} differ", flown.elf.display(), other.elf.display())));
         }

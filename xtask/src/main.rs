@@ -29,7 +29,7 @@ use std::process::{Command, ExitCode};
 use clap::{Parser, Subcommand};
 use serde_json::json;
 
-use build::Image;
+use build::{Image, Parts};
 
 #[derive(Parser)]
 #[command(name = "cargo xtask", about = "Test everything; build, flash, boot and measure the firmware")]
@@ -57,6 +57,8 @@ enum Task {
         /// The board: a name of `firmware/src/boards`
         #[arg(long, value_parser = board::named)]
         board: String,
+        #[command(flatten)]
+        parts: Parts,
         /// Print one JSON object: board, elf, `flash_bytes`, `ram_bytes`
         #[arg(long)]
         json: bool,
@@ -84,21 +86,30 @@ enum Task {
         /// Print instead what each layer of the board's whole image takes, as `docs/results/size.md` has it
         #[arg(long, conflicts_with = "json")]
         layers: bool,
+        #[command(flatten)]
+        parts: Parts,
     },
     /// Print the places from which the image can panic in flight
     Panics {
+        #[command(flatten)]
+        parts: Parts,
         /// Print one JSON object: roots, panics with root, function, panics, way, proof
         #[arg(long)]
         json: bool,
     },
     /// Print the most stack that the image can take
     Stack {
+        #[command(flatten)]
+        parts: Parts,
         /// Print one JSON object: levels, `stack_bytes`, `variables_bytes`, `bytes_max`
         #[arg(long)]
         json: bool,
     },
     /// Build for the NUCLEO-G474RE, write it through the ST-LINK and show its log (needs probe-rs)
-    Flash,
+    Flash {
+        #[command(flatten)]
+        parts: Parts,
+    },
     /// The firmware's twin in QEMU
     #[command(subcommand)]
     Qemu(Twin),
@@ -233,15 +244,15 @@ fn run(task: &Task) -> Result<(), Failure> {
     match task {
         Task::Test { no_run } => test::run(*no_run),
         Task::Fresh { no_run } => fresh::run(*no_run),
-        Task::Firmware { board, json } => firmware(board, *json),
+        Task::Firmware { board, parts, json } => firmware(*parts, board, *json),
         Task::Dist { dirty, twice } => dist::run(*dirty, *twice),
         Task::Api { renew } => api::run(*renew),
-        Task::Size { layers: true, .. } => size::layers(),
+        Task::Size { layers: true, parts, .. } => size::layers(*parts),
         Task::Size { json, .. } => size::run(*json),
-        Task::Panics { json } => panics::run(*json),
-        Task::Stack { json } => stack::run(*json),
-        Task::Flash => {
-            let image = Image::build(board::NUCLEO, "foxhound-firmware")?;
+        Task::Panics { parts, json } => panics::run(*parts, *json),
+        Task::Stack { parts, json } => stack::run(*parts, *json),
+        Task::Flash { parts } => {
+            let image = Image::with(*parts, board::NUCLEO)?;
             let mut probe = Command::new("probe-rs");
             probe.args(["run", "--chip", "STM32G474RETx"]).arg(&image.elf);
             attend(&mut probe)
@@ -268,8 +279,8 @@ fn run(task: &Task) -> Result<(), Failure> {
     }
 }
 
-fn firmware(board: &str, json: bool) -> Result<(), Failure> {
-    let image = Image::build(board, "foxhound-firmware")?;
+fn firmware(parts: Parts, board: &str, json: bool) -> Result<(), Failure> {
+    let image = Image::with(parts, board)?;
     let size = image.size()?;
     if json {
         let line = json!({

@@ -11,20 +11,21 @@ use serde_json::json;
 
 use crate::Failure;
 use crate::board;
-use crate::build::Image;
+use crate::build::{Image, Parts};
 use crate::thumb::Program;
 
 /// What runs in flight: guidance and the link's part of a step, parameters, the replan, what comes in, what goes out, frames of the
 /// camera. Around them is embassy, which polls a finished task never and an executor's queue always.
-const ROOTS: [&str; 6] = [
+const ROOTS: [&str; 5] = [
     "foxhound_firmware::app::fly",
     "foxhound_computer::flight::Flight<S>::serve",
     "foxhound_firmware::app::planner::replan",
     "foxhound_link::companion::Companion::receive",
     "foxhound_link::companion::Companion::transmit",
-    // What is around it wakes guidance, which is embassy's.
-    "foxhound_computer::camera::Camera::push",
 ];
+/// And what comes in from the camera, or as IQ reports. What is around the first wakes guidance, which is embassy's.
+const CAMERA: &str = "foxhound_computer::camera::Camera::push";
+const REPORTS: &str = "foxhound_computer::iq::Finder<_>::bearing";
 
 /// Functions in which a panic could begin, by a name that may end in `*`, each with the proof that it never does in flight.
 const EXCUSED: [(&str, &str); 3] = [
@@ -47,11 +48,11 @@ fn is_meant(excused: &str, name: &str) -> bool {
 }
 
 /// Builds the image, prints where a panic can begin, and fails where no proof says that it does not.
-pub(crate) fn run(json: bool) -> Result<(), Failure> {
-    let program = Program::read(&Image::build(board::NUCLEO, "foxhound-firmware")?)?;
+pub(crate) fn run(parts: Parts, json: bool) -> Result<(), Failure> {
+    let program = Program::read(&Image::with(parts, board::NUCLEO)?)?;
     let mut unproven = BTreeSet::new();
     let (mut roots, mut rows) = (Vec::new(), Vec::new());
-    for root in ROOTS {
+    for root in ROOTS.into_iter().chain([if parts == Parts::IQ { REPORTS } else { CAMERA }]) {
         let start = program.named(root).next();
         let start = start.ok_or_else(|| Failure(format!("the image has no function {root}")))?;
         let reach = Reach::from(&program, start);

@@ -10,7 +10,7 @@ use serde_json::json;
 
 use crate::Failure;
 use crate::board;
-use crate::build::Image;
+use crate::build::{Image, Parts};
 use crate::thumb::readable;
 
 /// What the link may take, signing and parameters included.
@@ -60,8 +60,8 @@ pub(crate) fn run(json: bool) -> Result<(), Failure> {
 
 /// Prints a row for each layer of the core and each other crate in the board's image, bytes of code and of named constants; and
 /// the longest functions.
-pub(crate) fn layers() -> Result<(), Failure> {
-    let image = Image::build(board::NUCLEO, "foxhound-firmware")?;
+pub(crate) fn layers(parts: Parts) -> Result<(), Failure> {
+    let image = Image::with(parts, board::NUCLEO)?;
     let unreadable = |why: String| Failure(format!("{}: {why}", image.elf.display()));
     let bytes = std::fs::read(&image.elf).map_err(|error| unreadable(error.to_string()))?;
     let file = object::File::parse(bytes.as_slice()).map_err(|error| unreadable(error.to_string()))?;

@@ -12,7 +12,7 @@ use serde_json::json;
 
 use crate::Failure;
 use crate::board;
-use crate::build::Image;
+use crate::build::{Image, Parts};
 use crate::panics::{FIELDS, is_panic};
 use crate::thumb::Program;
 
@@ -93,8 +93,8 @@ const INDIRECT: &[(&str, &[&str])] = &[
 ];
 
 /// Builds the image, prints what each level takes and what takes it, and fails where it is too much or not known.
-pub(crate) fn run(json: bool) -> Result<(), Failure> {
-    let image = Image::build(board::NUCLEO, "foxhound-firmware")?;
+pub(crate) fn run(parts: Parts, json: bool) -> Result<(), Failure> {
+    let image = Image::with(parts, board::NUCLEO)?;
     let program = Program::read(&image)?;
     let variables = image.size()?.ram_bytes;
     let (mut stack, mut around) = (0, 0);

@@ -5,7 +5,7 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use crate::board;
-use crate::build::{Image, TARGET, cargo, install_target, workspace};
+use crate::build::{Image, Parts, TARGET, cargo, install_target, workspace};
 use crate::{FLASH_BYTES, Failure, RAM_BYTES, attend};
 
 const PYMAVLINK: &str = "pymavlink==2.4.50";
@@ -94,11 +94,12 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     } else {
         stages.left_out.push("the command line for other systems, whose targets rustup cannot fetch here");
     }
-    for board in &boards {
-        let feature = format!("board-{board}");
-        let firmware = ["--package", "foxhound-firmware", "--target", TARGET, "--profile", "firmware"];
-        let arguments = [&firmware[..], &["--features", &feature]].concat();
-        stages.run(&format!("lints, {board}"), || clippy(&arguments))?;
+    let kinds = boards.iter().map(|board| (board.as_str(), Parts::default())).chain([(board::NUCLEO, Parts::IQ)]);
+    for (board, parts) in kinds {
+        let features = parts.features(board);
+        let mut arguments = vec!["--package", "foxhound-firmware", "--target", TARGET, "--profile", "firmware"];
+        arguments.extend(features.iter().map(String::as_str));
+        stages.run(&format!("lints, {}", parts.name(board)), || clippy(&arguments))?;
     }
     stages.run("documentation", || {
         let mut doc = cargo();
@@ -112,10 +113,11 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
         stages.left_out.push("the public interface: another compiler describes it in another format");
     }
 
-    let nucleo = stages.run("image, nucleo_g474re", || fitting(board::NUCLEO))?;
-    let twin = stages.run("image, mps2_an386", || fitting(board::TWIN))?;
+    let nucleo = stages.run("image, nucleo_g474re", || fitting(board::NUCLEO, Parts::default()))?;
+    let iq = stages.run("image, nucleo_g474re-iq", || fitting(board::NUCLEO, Parts::IQ))?;
+    let twin = stages.run("image, mps2_an386", || fitting(board::TWIN, Parts::default()))?;
     for board in boards.iter().filter(|board| ![board::NUCLEO, board::TWIN].contains(&board.as_str())) {
-        stages.run(&format!("image, {board}"), || fitting(board))?;
+        stages.run(&format!("image, {board}"), || fitting(board, Parts::default()))?;
     }
     if !stages.run("image, built once more", || crate::dist::image_again(board::NUCLEO, &nucleo))? {
         stages
@@ -127,8 +129,10 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
         return Ok(());
     }
 
-    stages.run("panics, looked for in the machine code", || crate::panics::run(false))?;
-    stages.run("stack, at most", || crate::stack::run(false))?;
+    for parts in [Parts::default(), Parts::IQ] {
+        stages.run("panics, looked for in the machine code", || crate::panics::run(parts, false))?;
+        stages.run("stack, at most", || crate::stack::run(parts, false))?;
+    }
     stages.run("tests, xtask", || attend(cargo().args(["test", "--package", "xtask"])))?;
     let python = stages.run("peers", install_peers)?;
     stages.run("Python package", || install_package(&python))?;
@@ -150,6 +154,7 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
         let mut test = cargo();
         test.arg("test").args(kind).args(["--", "--include-ignored"]);
         test.env("FOXHOUND_QEMU_ELF", &twin.elf).env("FOXHOUND_G474_ELF", &nucleo.elf).env("FOXHOUND_PYTHON", &python);
+        test.env("FOXHOUND_G474_IQ_ELF", &iq.elf);
         stages.run(name, || attend(&mut test))?;
     }
 
@@ -185,18 +190,21 @@ impl Stages {
 }
 
 /// Builds a board's image and says how large it is; fails where that is too much.
-fn fitting(board: &str) -> Result<Image, Failure> {
-    let image = Image::build(board, "foxhound-firmware")?;
+fn fitting(board: &str, parts: Parts) -> Result<Image, Failure> {
+    let image = Image::with(parts, board)?;
     let size = image.size()?;
     // The design has half of the flash of the NUCLEO-G474RE for the product, 256 KB, and that is not kept (README, limits). The
     // twin carries the simulator's side as well; all others must only fit.
     let flash_bytes = if board == board::NUCLEO { 368 << 10 } else { FLASH_BYTES };
+    // The twin has the pad detector and the reader of IQ reports at once.
+    let ram_bytes = if board == board::TWIN { RAM_BYTES + (3 << 10) } else { RAM_BYTES };
+    let name = parts.name(board);
     println!(
-        "{board}: flash {} bytes of {flash_bytes} allowed, RAM {} of {RAM_BYTES}",
+        "{name}: flash {} bytes of {flash_bytes} allowed, RAM {} of {ram_bytes}",
         size.flash_bytes, size.ram_bytes,
     );
-    if size.flash_bytes > flash_bytes || size.ram_bytes > RAM_BYTES {
-        return Err(Failure(format!("{board} is over its budget")));
+    if size.flash_bytes > flash_bytes || size.ram_bytes > ram_bytes {
+        return Err(Failure(format!("{name} is over its budget")));
     }
     Ok(image)
 }
