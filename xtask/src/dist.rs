@@ -61,24 +61,6 @@ pub(crate) fn run(dirty: bool, twice: bool) -> Result<(), Failure> {
     if twice { again(&sums) } else { Ok(()) }
 }
 
-/// Builds a board's image of the commit in another folder and compares it with the one that the tests fly; false where there is
-/// nothing to compare: the tree differs from its commit, or has none.
-pub(crate) fn image_again(board: &str, flown: &Image) -> Result<bool, Failure> {
-    if changed().map_or(true, |changed| !changed.is_empty()) {
-        return Ok(false);
-    }
-    in_a_clone(|clone| {
-        let other = Image::build_in(clone, board, "foxhound-firmware", Parts::default())?;
-        if read(&flown.elf)? != read(&other.elf)? {
-            return Err(Failure(format!("{} and {} differ", flown.elf.display(), other.elf.display())));
-        }
-        formats(&other, board, clone)?;
-        println!("{board}: the same ELF file, byte for byte, and the same program as .bin and .hex");
-        Ok(())
-    })?;
-    Ok(true)
-}
-
 /// Writes an image as ELF, plain binary and Intel HEX, and checks that all three have the same program.
 fn formats(image: &Image, board: &str, folder: &Path) -> Result<(), Failure> {
     let [elf, bin, hex] = ["elf", "bin", "hex"].map(|ending| folder.join(format!("foxhound-{board}.{ending}")));
