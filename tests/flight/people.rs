@@ -207,14 +207,14 @@ fn who_is_followed_is_followed_well_and_nobody_else_is() {
 /// The most flights of a scene that may hit somebody: a point mass told all round and by scans of 72 sectors, then the same beside
 /// ArduCopter's delays. The test prints it as it stands here.
 const SCENE_HITS: [[usize; 4]; 8] = [
-    [0, 0, 0, 0],   // crossing
-    [2, 7, 6, 10],  // swaying
-    [2, 9, 8, 8],   // stopping
-    [2, 4, 1, 6],   // turning
-    [0, 9, 1, 12],  // in groups
-    [0, 2, 1, 1],   // overtaking
-    [0, 2, 3, 5],   // two streams in a corridor of 4 m
-    [0, 0, 0, 0],   // stepping aside
+    [0, 0, 0, 0],  // crossing
+    [2, 7, 6, 10], // swaying
+    [2, 9, 8, 8],  // stopping
+    [2, 4, 1, 6],  // turning
+    [0, 9, 1, 12], // in groups
+    [0, 2, 1, 1],  // overtaking
+    [0, 2, 3, 5],  // two streams in a corridor of 4 m
+    [0, 0, 0, 0],  // stepping aside
 ];
 
 /// 20 flights each among people who cross, sway, stop, turn, walk in groups, overtake, come in two streams, and step aside, at

@@ -12,9 +12,7 @@ use object::read::elf::{ElfFile32, ProgramHeader as _};
 use sha2::{Digest as _, Sha256};
 
 use crate::board::{NUCLEO, TWIN};
-use crate::build::{
-    Image, Parts, answer, built, cargo, cargo_home, host, path_flags, path_setting, sysroot, workspace,
-};
+use crate::build::{Image, answer, built, cargo, cargo_home, host, path_flags, path_setting, sysroot, workspace};
 use crate::{Failure, attend};
 
 /// The shells that get completions, and the names by which they find them.
