@@ -37,7 +37,7 @@ fn values_are_listed_with_what_was_set_from_the_file_and_after_it() {
     };
     assert_eq!(value("FH_SPD_MAX"), (2.0, 1.0, "m/s".to_owned()));
     assert_eq!(value("FH_RADIUS"), (0.3, 0.15, "m".to_owned()));
-    assert_eq!(value("FH_LAG"), (0.5, 0.5, "s".to_owned()));
+    assert_eq!(value("FH_LAG"), (0.45, 0.45, "s".to_owned()));
 }
 
 /// A bad value or an unknown name is refused, and the message names the parameter.

@@ -41,8 +41,9 @@ pub(crate) fn scenario() -> Scenario {
     }
 }
 
+/// No motion: less than a millimetre a second, with which the guard may still be leaving an obstacle's margin.
 pub(crate) fn is_zero(setpoint: &SET_POSITION_TARGET_LOCAL_NED_DATA) -> bool {
-    [setpoint.vx, setpoint.vy, setpoint.vz, setpoint.yaw_rate] == [0.0; 4]
+    [setpoint.vx, setpoint.vy, setpoint.vz, setpoint.yaw_rate].iter().all(|rate| rate.abs() < 1e-3)
 }
 
 /// A trial and all its steps.

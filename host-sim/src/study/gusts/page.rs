@@ -58,8 +58,8 @@ fn written(settings: &Campaign) -> Result<String, InputError> {
     let range = if is_development { "development" } else { "test" };
     let mut text = format!(
         "# Flights in gusts\n\n\
-         `cargo xtask gusts` writes this page. Flights have the whole chain from the antennas' codes on, a beacon at 20 dB, and a vehicle as slow\n\
-         as a real autopilot; what the drone does about gusts is in [how it works](../concepts.md#7-guard). Flights of the\n\
+         `cargo xtask gusts` writes this page. Flights have the whole chain from the antennas' codes on, a beacon at 20 dB, and a vehicle that\n\
+         follows as a real autopilot was recorded to; what the drone does about gusts is in [how it works](../concepts.md#7-guard). Flights of the\n\
          first two tables have the first seeds of the {range} range ({}), those of the last the first of the development range\n\
          ({}): `host-sim/src/study/seeds.rs`. A part of the flights is in every run of the tests (`tests/flight/gusts.rs`).\n\n\
          ## What is modelled\n\n\
@@ -69,7 +69,7 @@ fn written(settings: &Campaign) -> Result<String, InputError> {
          everywhere: pillars give no lee.\n\n\
          What the autopilot does about it is in `host-sim/src/world/deviation.rs`, with its sources. ArduCopter in GUIDED under velocity setpoints\n\
          holds a position, which it moves along with the setpoint; PX4 in OFFBOARD holds none, so that a gust leaves it elsewhere. The gains are\n\
-         the defaults of both. Without wind every flight is bit for bit what it is without this model.\n\n\
+         the defaults of both.\n\n\
          ## Past walls, gaps and random pillars\n\n\
          With a standard deviation of 2.5 m/s on a mean of 3 m/s, by scan and waveforms, beside ArduCopter's model. Walls are 2 to 5 m\n\
          long, gaps 1.5 to 2.5 m wide, two of them on 12 m; random pillars are at least 0.6 m apart.\n\n{HEAD}",
