@@ -130,7 +130,8 @@ vehicle, times_s = content["/vehicle"], [message.log_time * 1e-9 for message, _ 
 whole = [k for k in range(len(vehicle) - 50) if abs(times_s[k + 50] - times_s[k] - 1) < 0.005]
 check(len(whole) > 0.3 * (len(vehicle) - 50), f"{len(whole)} of {len(vehicle) - 50} seconds are whole")
 off = [
-    math.hypot(*(vehicle[k + 50][f"{axis}_m"] - vehicle[k][f"{axis}_m"] - sum(v[f"{axis}_mps"] for v in vehicle[k : k + 50]) / 50
+    math.hypot(*(vehicle[k + 50][f"{axis}_m"] - vehicle[k][f"{axis}_m"]
+                 - sum(a[f"{axis}_mps"] + b[f"{axis}_mps"] for a, b in zip(vehicle[k : k + 50], vehicle[k + 1 : k + 51])) / 100
                  for axis in ("east", "north")))
     for k in whole
 ]
