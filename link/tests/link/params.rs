@@ -321,8 +321,9 @@ fn while_seeking_nothing_is_set_and_everything_can_be_read() {
     link.hear(&set("FH_LAG", 1.0, REAL32, US.1));
     link.is_seeking = true;
     assert!(link.params.proposal(true).is_none());
-    assert_eq!(link.values(500)[0].param_value, 0.5);
-    assert_eq!(link.set("FH_LAG", 1.0), (Some(0.5), "FH_LAG refused while seeking".to_owned()));
+    let lag_s = Values::DEFAULT.get(param::FH_LAG);
+    assert_eq!(link.values(500)[0].param_value, lag_s);
+    assert_eq!(link.set("FH_LAG", 1.0), (Some(lag_s), "FH_LAG refused while seeking".to_owned()));
     assert_eq!(link.set("FH_V1", 1.0), (Some(0.0), "FH_V1 refused while seeking".to_owned()));
     link.hear(&list(US.0, US.1));
     assert_eq!(link.values(10_000).len(), COUNT);
