@@ -34,9 +34,8 @@ fn suite(dir: &std::path::Path, pairs: &str, radius: &str) -> String {
     dir.join("suite.json").to_string_lossy().into_owned()
 }
 
-/// Where 0.02 m of clearance is not reached: the guard keeps 0.03 m from a rest point that is predicted by two lags, and ArduCopter as
-/// recorded is up to 0.025 m off that. 5 mm more of the guard's margin closes gaps: of 3200 flights with a hull of 0.215 m 32 do not
-/// arrive then, 4 without it.
+/// Where 0.02 m of clearance is NOT reached: the guard keeps 0.03 m along the way to a rest point that is predicted by a dead time and a
+/// lag, and ArduCopter as recorded does not fly just so. A larger margin of the guard closes gaps: more flights do not arrive.
 const CLOSER: &[&str] = &["--vehicle", "arducopter"];
 
 fn check(suite: &str, extra: &[&str], success: f64, ratio: f64) {

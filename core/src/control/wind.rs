@@ -213,7 +213,7 @@ mod tests {
     /// A response of the second order: natural frequency and damping, after two steps; and what is configured for it.
     struct Response(f32, f32, vehicle_model::Config);
 
-    /// Fitted to the simulator's ArduCopter and PX4, which are fitted to recordings: at most 0.05 and 0.02 m/s off.
+    /// Fitted to the simulator's ArduCopter and PX4, which are fitted to recordings.
     const ARDUCOPTER: Response = Response(4.35, 1.08, vehicle_model::Config::ARDUCOPTER);
     const PX4: Response = Response(2.82, 0.92, vehicle_model::Config::PX4);
 

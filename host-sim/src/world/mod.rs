@@ -8,7 +8,7 @@
 //! | `draw` | random pillars, by the seed |
 //! | `person`, `people` | people: `walk` is the route, `aside` how a person gives way, `course` either in time |
 //! | [`rays`] | radio paths among walls |
-//! | [`antennas`] | the samples of the four channels |
+//! | [`antennas`], [`iq`] | the samples of the four channels; those that a Bluetooth controller reports |
 //! | [`air`] | the wind |
 //! | [`vehicle`] | the motion that follows from commands: `shaping` and [`deviation`] are the autopilot's part of it |
 //! | [`sensor`] | the obstacle sensor |
