@@ -11,8 +11,8 @@
 //! ArduPilot's *Copter Commands in Guided Mode*, PX4's *Offboard Mode*, the MAVLink guide on heartbeats, message
 //! intervals and time synchronisation.
 //!
-//! `receive` and `send` are its two halves; `control` decides whether guidance may move the vehicle; `exam` tests the
-//! receiver.
+//! `receive` and `send` are its two halves, `texts` what the pilot reads; `control` decides whether guidance may move
+//! the vehicle; `exam` tests the receiver.
 
 mod aging;
 mod config;
@@ -21,6 +21,7 @@ mod exam;
 mod parameters;
 mod receive;
 mod send;
+mod texts;
 
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::ownship::Ownship;

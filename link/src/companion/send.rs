@@ -11,6 +11,7 @@ use foxhound_core::guidance::mission::Outcome;
 use foxhound_core::landing::Reason;
 use heapless::{Deque, String};
 
+use super::texts::{is_critical, severity, text};
 use super::{Companion, Pace, Published, TIMESYNC_PERIOD_US, TYPE_MASK, TYPE_MASK_YAW, Yaw};
 use crate::CharArray;
 use crate::autopilot::Autopilot;
@@ -540,64 +541,4 @@ fn boot_ms(now: Instant) -> u32 {
 fn compass_deg(bearing_rad: f32) -> f32 {
     let degrees = bearing_rad * DEG_PER_RAD;
     if degrees < 0.0 { degrees + 360.0 } else { degrees }
-}
-
-/// Whether we hold because something that we need is missing.
-fn is_critical(outcome: Outcome) -> bool {
-    matches!(outcome, Outcome::Uncalibrated | Outcome::StaleOwnship | Outcome::StaleObstacles | Outcome::Fault)
-}
-
-fn severity(cause: Cause, outcome: Option<Outcome>, ended: Option<(Reason, bool)>) -> MavSeverity {
-    match (cause, outcome) {
-        (Cause::None, Some(Outcome::HandedOver)) if matches!(ended, Some((Reason::Arrived, _))) => {
-            MavSeverity::MAV_SEVERITY_NOTICE
-        }
-        (Cause::Unfit, _) | (Cause::None, Some(Outcome::Fault)) => MavSeverity::MAV_SEVERITY_CRITICAL,
-        (Cause::NotInMode | Cause::OnGround | Cause::Paused | Cause::SwitchedOff, _)
-        | (Cause::None, Some(Outcome::Nominal | Outcome::NotInControl | Outcome::Landed)) => {
-            MavSeverity::MAV_SEVERITY_INFO
-        }
-        _ => MavSeverity::MAV_SEVERITY_WARNING,
-    }
-}
-
-fn text(outcome: Outcome, stale: Option<Stale>, ended: Option<(Reason, bool)>) -> &'static str {
-    match outcome {
-        Outcome::StaleOwnship if stale == Some(Stale::VelocityContradicts) => {
-            "Foxhound: velocity contradicts position, holds"
-        }
-        Outcome::StaleOwnship if stale == Some(Stale::PositionFrozen) => "Foxhound: position stands still, holds",
-        Outcome::Nominal => "Foxhound: seeking",
-        Outcome::NoSignal => "Foxhound: no signal",
-        Outcome::Ambiguous => "Foxhound: bearing is ambiguous",
-        Outcome::Uncalibrated => "Foxhound: array is not calibrated",
-        Outcome::StaleOwnship => "Foxhound: position or attitude is stale",
-        Outcome::StaleObstacles => "Foxhound: obstacle data is stale",
-        Outcome::NoPath => "Foxhound: no safe path",
-        Outcome::GoalUnreachable => "Foxhound: goal cannot be reached",
-        Outcome::PlanLate => "Foxhound: plan is late",
-        Outcome::GuardBrake => "Foxhound: guard brakes",
-        Outcome::LinkLost => "Foxhound: autopilot is silent",
-        Outcome::NotInControl => "Foxhound: waits for GUIDED or OFFBOARD, armed",
-        Outcome::Fault => "Foxhound: internal fault",
-        Outcome::HandedOver => handed_over(ended),
-        Outcome::Landed => "Foxhound: landed",
-    }
-}
-
-/// Why it hovers. At most [`NOTICE_BYTES`].
-fn handed_over(ended: Option<(Reason, bool)>) -> &'static str {
-    match ended {
-        Some((Reason::Arrived, true)) => "Foxhound: arrived, asks the autopilot to land",
-        Some((Reason::Arrived, false)) => "Foxhound: arrived, hovers, take over",
-        Some((Reason::NoPad, _)) => "Foxhound: no pad here, hovers, take over",
-        Some((Reason::PadLost, _)) => "Foxhound: pad lost, hovers, take over",
-        Some((Reason::NoCamera, _)) => "Foxhound: no picture, hovers, take over",
-        Some((Reason::NoHeight, _)) => "Foxhound: height unknown, hovers, take over",
-        Some((Reason::Ambiguous, _)) => "Foxhound: beacon not located, hovers, take over",
-        Some((Reason::SearchLimit, _)) => "Foxhound: beacon not found, hovers, take over",
-        Some((Reason::TimeLimit, _)) => "Foxhound: time limit, hovers, take over",
-        Some((Reason::Blocked, _)) => "Foxhound: path blocked, hovers, take over",
-        Some((Reason::Landed | Reason::NoOwnship, _)) | None => "Foxhound: hovers, take over",
-    }
 }
