@@ -82,6 +82,10 @@ pub(super) struct CompanionCommand {
         required_unless_present = "bearings"
     )]
     source: Option<[f64; 3]>,
+    /// Centre of a red pad on the ground (0 down), north and east in the same frame: a simulated camera of 60 degrees sees it, and
+    /// Foxhound lands on it (FH_LND_MODE 2).
+    #[arg(long, value_name = "N,E", value_parser = pair, allow_hyphen_values = true, requires = "source")]
+    pad: Option<[f64; 2]>,
     #[command(flatten)]
     radio: RadioArgs,
     /// Who provides obstacles: a file of them, in the same frame, `autopilot` or `none`; see below.
@@ -144,12 +148,16 @@ pub(super) struct CompanionCommand {
 
 /// Three finite numbers with commas between.
 pub(super) fn triple(text: &str) -> Result<[f64; 3], String> {
-    let refused = || "expected three numbers in -10000..=10000, as in 8,-9,-5".to_owned();
-    let numbers: Vec<f64> = text
-        .split(',')
-        .map(|part| part.trim().parse().ok().filter(|number: &f64| number.is_finite()).ok_or_else(refused))
-        .collect::<Result<_, _>>()?;
-    numbers.try_into().map_err(|_| refused())
+    numbers(text).ok_or_else(|| "expected three numbers in -10000..=10000, as in 8,-9,-5".to_owned())
+}
+
+fn pair(text: &str) -> Result<[f64; 2], String> {
+    numbers(text).ok_or_else(|| "expected two numbers in -10000..=10000, as in 8,-9".to_owned())
+}
+
+fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
+    let number = |part: &str| part.trim().parse().ok().filter(|number: &f64| number.is_finite());
+    text.split(',').map(number).collect::<Option<Vec<f64>>>()?.try_into().ok()
 }
 
 pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, InputError> {
@@ -176,6 +184,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     };
     let config = Config {
         source_ned_m: args.source.unwrap_or_default(),
+        pad_ne_m: args.pad,
         is_source_known: args.source.is_some(),
         obstacles,
         v_max_mps: args.v_max.unwrap_or(2.0),

@@ -77,6 +77,8 @@ const ZERO_PERIOD: Duration = Duration::from_millis(50);
 /// Largest yaw rate: `ArduCopter` in software-in-the-loop does not turn faster in GUIDED. With a higher demand the nose
 /// would not be where the guard expects it.
 const YAW_RATE_MAX_RADPS: f32 = 1.25;
+/// Largest distance of a pad from the beacon, north and east.
+const PAD_MAX_M: f64 = 10.0;
 /// Factor on the speed limit, to allow for rounding.
 const ROUNDING: f32 = 1.0 - 1e-6;
 
@@ -119,6 +121,9 @@ impl Ends {
 pub struct Config {
     /// The beacon, in the autopilot's local frame.
     pub source_ned_m: [f64; 3],
+    /// Centre of a pad on the ground, in the same frame (north, east), that a simulated camera sees; the ground is at the
+    /// frame's down of zero.
+    pub pad_ne_m: Option<[f64; 2]>,
     /// Whether its position is known; if not, the distance from it is neither checked nor reported.
     pub is_source_known: bool,
     /// Who provides the obstacles; those of a file are in the same frame.
@@ -159,13 +164,26 @@ impl Config {
         if let Some(max_time_s) = self.max_time_s {
             check_within("--max-time", max_time_s, &MAX_TIME_S)?;
         }
+        if let Some(pad) = self.pad_ne_m {
+            for (axis, at) in [("N", 0), ("E", 1)] {
+                let beacon = self.source_ned_m[at];
+                check(&format!("--pad: {axis}"), pad[at], beacon - PAD_MAX_M, beacon + PAD_MAX_M)?;
+            }
+        }
         self.scenario().checked()?;
         Ok(self)
     }
 
     fn scenario(&self) -> Scenario {
         let [north, east, _] = self.source_ned_m;
+        // No range finder is simulated: the autopilot's height is used.
+        let landing = self.pad_ne_m.map(|[pad_north, pad_east]| scenario::Landing {
+            pad: [pad_east - east, pad_north - north],
+            range_finder: false,
+            ..scenario::Landing::default()
+        });
         Scenario {
+            landing,
             name: "companion".to_owned(),
             drone_radius: self.drone_radius_m,
             goal: [east, north],
@@ -293,7 +311,7 @@ pub fn fly(
 ) -> Result<Flown, ConfigError> {
     let [north, east, _] = config.source_ned_m;
     let source = Horizontal { north, east };
-    let world = config.scenario().world();
+    let scenario = config.scenario();
     let sign = || config.key.as_ref().map(|key| signing(key, key::DRIVER, Instant(0)));
     let mut flight = Flight {
         config,
@@ -301,7 +319,7 @@ pub fn fly(
         log,
         bearings,
         source,
-        senses: Senses::new(config.source_ned_m, config.snr_db, world, config.seed, sign(), &config.obstacles)?,
+        senses: Senses::new(config.source_ned_m, config.snr_db, &scenario, config.seed, sign(), &config.obstacles)?,
         tally: Tally::new(source, config.drone_radius_m),
         wire: Wire::new(sign()),
         started_us: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_micros() as u64),
@@ -455,7 +473,7 @@ impl Flight<'_, '_> {
                 output,
                 computer,
                 frame: snapshot.as_deref(),
-                picture: None,
+                picture: self.senses.picture(now),
             });
             watch(&news, moment.as_ref());
 
@@ -553,6 +571,9 @@ impl Flight<'_, '_> {
             None => snapshot.as_deref().map_or(FrontEnd::Nothing, FrontEnd::Frame),
         };
         let circles = fix.and_then(|fix| self.senses.look(now, fix));
+        if let Some(bytes) = fix.and_then(|fix| self.senses.film(now, fix)) {
+            computer.see(&bytes).map_err(|error| error.to_string())?;
+        }
         let report = computer.step(now, front_end, circles.as_deref(), rx).map_err(|error| error.to_string())?;
         self.wire.watch(now, &report.tx);
         self.say(now, &report.tx);

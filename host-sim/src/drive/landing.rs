@@ -14,7 +14,6 @@ use serde::Serialize;
 use crate::scenario::{self, inside};
 use crate::world::camera::{self, Frame, Ground, Lighting, Scene, Shadow, Shape, Size, Target, Thing};
 use crate::world::random::Random;
-use crate::world::vehicle::Motion;
 use crate::world::{Horizontal, Pose, World, camera_line, horizontal};
 
 /// From one reading of the range finder to the next: 17 Hz.
@@ -144,14 +143,14 @@ impl Downward {
     }
 
     /// The camera's bytes that arrive now; a new frame is exposed when it is due.
-    pub(super) fn look(&mut self, now_us: u64, motion: &Motion) -> Option<Vec<u8>> {
+    pub(super) fn look(&mut self, now_us: u64, pose: &Pose) -> Option<Vec<u8>> {
         if let Some(view) = &self.view
             && now_us >= self.exposure_us
         {
             let camera = view.camera;
             let time_s = now_us as f64 * 1e-6;
             self.exposure_us = now_us + (1e6 / camera.rate_hz) as u64;
-            let mut frame = view.expose(motion, self.frames);
+            let mut frame = view.expose(pose, self.frames);
             if inside(camera.blind, time_s) {
                 frame.bytes.fill(0x42);
             }
@@ -162,7 +161,7 @@ impl Downward {
             }
             self.underway.push_back((now_us + latency_us, bytes));
             self.frames += 1;
-            self.keep(time_s, -motion.pose.position_ned_m[2], frame);
+            self.keep(time_s, -pose.position_ned_m[2], frame);
         }
         self.underway.pop_front_if(|(at_us, _)| *at_us <= now_us).map(|(_, bytes)| bytes)
     }
@@ -285,9 +284,9 @@ impl View {
         Self { camera, scene, lighting, seed }
     }
 
-    fn expose(&self, motion: &Motion, number: u32) -> Frame {
+    fn expose(&self, pose: &Pose, number: u32) -> Frame {
         let Self { camera, scene, lighting, seed } = self;
-        let Pose { position_ned_m: [north, east, down], roll_rad, pitch_rad, yaw_rad, .. } = motion.pose;
+        let Pose { position_ned_m: [north, east, down], roll_rad, pitch_rad, yaw_rad, .. } = *pose;
         let pose = camera::Pose {
             north_m: north as f32,
             east_m: east as f32,

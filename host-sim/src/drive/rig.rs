@@ -163,7 +163,7 @@ impl Rig {
             {
                 self.autopilot.find_range(&range);
             }
-            camera = downward.look(now_us, &motion);
+            camera = downward.look(now_us, &motion.pose);
         }
         Sensed { motion, rx: self.autopilot.transmit(), circles, lidar, camera }
     }

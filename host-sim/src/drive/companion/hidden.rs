@@ -54,6 +54,11 @@ fn course(number: usize, seed: u64) -> Vec<Obstacle> {
     }
 }
 
+fn senses(config: &Config) -> Senses {
+    let Config { source_ned_m, snr_db, seed, ref obstacles, .. } = *config;
+    Senses::new(source_ned_m, snr_db, &config.scenario(), seed, None, obstacles).unwrap()
+}
+
 /// A flight under way.
 struct Flown {
     config: Config,
@@ -77,12 +82,11 @@ impl Flown {
         let truth = Scenario { obstacles: posts, ..Scenario::default() }.world();
         let pose = Pose { position_ned_m: [0.0, 0.0, -5.0], ..Pose::default() };
         let model = scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario::Vehicle::default() };
-        let world = config.scenario().world();
         Self {
             computer: HostComputer::new(&config.guidance()).unwrap(),
             vehicle: Vehicle::new(model, scenario::Limits::default().a_max, pose),
             autopilot: Autopilot::new(Software::ArduCopter, Start::InControl),
-            senses: Senses::new(config.source_ned_m, config.snr_db, world, seed, None, &config.obstacles).unwrap(),
+            senses: senses(&config),
             hull: Hull::new(&truth, config.drone_radius_m, Horizontal::default()),
             truth,
             config,
@@ -117,10 +121,14 @@ impl Flown {
         let frame = fix.as_ref().map(|fix| self.senses.hear(now, fix));
         let front_end = frame.as_deref().map_or(FrontEnd::Nothing, FrontEnd::Frame);
         let circles = fix.as_ref().and_then(|fix| self.senses.look(now, fix));
+        if let Some(bytes) = fix.as_ref().and_then(|fix| self.senses.film(now, fix)) {
+            self.computer.see(&bytes).unwrap();
+        }
         let report = self.computer.step(now, front_end, circles.as_deref(), &rx).unwrap();
         self.note_texts(&report.tx);
         self.autopilot.receive(now_us, &motion, &report.tx);
         self.vehicle.step(self.autopilot.command(now_us), TICK_S);
+        self.vehicle.touch_ground();
         self.time_s += TICK_S;
         self.reason = report.output.landing.and_then(|landing| landing.reason);
         let place = self.place();
@@ -273,15 +281,34 @@ fn a_computer_that_is_to_hand_over_above_the_beacon_comes_to_it() {
 /// A flight to a beacon this far below the vehicle, whose computer is to have the autopilot land it there.
 fn landing(below_m: f64, seed: u64) -> Flown {
     let mut flown = Flown::new(Provider::Unsaid, Vec::new(), seed);
-    let Config { source_ned_m: [north, east, down], snr_db, .. } = flown.config;
-    flown.config.source_ned_m = [north, east, down + below_m];
-    let world = flown.config.scenario().world();
-    flown.senses = Senses::new(flown.config.source_ned_m, snr_db, world, seed, None, &Provider::Unsaid).unwrap();
+    flown.config.source_ned_m[2] += below_m;
+    flown.senses = senses(&flown.config);
     let landing = foxhound_core::landing::Config { request_land: true, ..foxhound_core::landing::Config::default() };
     let guidance = guidance::Config { landing: Some(landing), ..flown.config.guidance() };
     assert_eq!(Ends::of(&guidance), Ends::Landing);
     flown.computer = HostComputer::new(&guidance).unwrap();
     flown
+}
+
+#[test]
+fn on_a_pad_that_the_simulated_camera_sees_it_lands_and_asks_the_autopilot_to_disarm() {
+    for seed in 1..=4 {
+        let mut flown = landing(5.0, seed);
+        flown.config.pad_ne_m = Some([SOURCE_M + 0.4, -0.3]);
+        flown.senses = senses(&flown.config);
+        let mut guidance = flown.config.guidance();
+        guidance.landing.as_mut().unwrap().request_land = true;
+        flown.computer = HostComputer::new(&guidance).unwrap();
+        let mut arrival = Arrival::new(Ends::Landing);
+        while !arrival.has_ended(Instant((flown.time_s * 1e6) as u64), flown.is_guided()) {
+            let outcome = flown.step();
+            arrival.step(Instant((flown.time_s * 1e6) as u64), outcome.0, flown.reason);
+            assert!(flown.time_s < TIME_MAX_S, "seed {seed}: {:?}", flown.texts);
+        }
+        let off_m = flown.place().minus(Horizontal { north: SOURCE_M + 0.4, east: -0.3 }).norm();
+        assert!(arrival.is_there && off_m < 0.25, "seed {seed}: {off_m} m off, {:?}", flown.texts);
+        assert_eq!(flown.reason, Some(Reason::Landed), "seed {seed}");
+    }
 }
 
 #[test]

@@ -16,6 +16,7 @@ use foxhound_link::signing::Signing;
 use super::provider::{Chooser, Eyes, Provider};
 use crate::drive::computer::BLOCK;
 use crate::drive::flight::Sample;
+use crate::drive::landing::{Downward, Picture};
 use crate::scenario;
 use crate::world::antennas::Antennas;
 use crate::world::random::Random;
@@ -69,6 +70,8 @@ pub(super) struct Senses {
     world: World,
     sensor: scenario::Sensor,
     look_due: Instant,
+    /// The camera, where a pad is given.
+    downward: Option<Downward>,
     chooser: Chooser,
     /// Reads MAVLink 1 as well, only to say so.
     versions: Framer,
@@ -79,11 +82,12 @@ impl Senses {
     pub(super) fn new(
         source_ned_m: [f64; 3],
         snr_db: f64,
-        world: World,
+        scenario: &scenario::Scenario,
         seed: u64,
         signing: Option<Signing>,
         provider: &Provider,
     ) -> Result<Self, ConfigError> {
+        let world = scenario.world();
         let mut ear = companion::Config::default().build()?;
         ear.sign_with(signing);
         let mut versions = Framer::new();
@@ -93,6 +97,7 @@ impl Senses {
             antennas: Antennas { snr_db: Some(snr_db), ..Antennas::default() },
             random: Random::new(seed, 1),
             source_ned_m,
+            downward: Downward::new(scenario, &world, seed),
             world,
             sensor: scenario::Sensor::default(),
             look_due: Instant::default(),
@@ -167,6 +172,16 @@ impl Senses {
         Box::new(self.antennas.frame(now, &fix.pose, self.source_ned_m, &mut self.random))
     }
 
+    /// The bytes of the camera's frames that arrive now.
+    pub(super) fn film(&mut self, now: Instant, fix: &Fix) -> Option<Vec<u8>> {
+        self.downward.as_mut()?.look(now.0, &fix.pose)
+    }
+
+    /// The picture of this step, if it is for the report.
+    pub(super) fn picture(&self, now: Instant) -> Option<&Picture> {
+        self.downward.as_ref()?.fresh(now.0 as f64 * 1e-6)
+    }
+
     /// Who provides the obstacles.
     pub(super) const fn eyes(&self) -> Eyes {
         self.chooser.eyes()
@@ -200,9 +215,9 @@ mod tests {
 
     fn senses() -> Senses {
         let obstacles = vec![scenario::Obstacle { x: 0.0, y: 3.0, r: 0.5, ..Default::default() }];
-        let world = scenario::Scenario { obstacles, ..Default::default() }.world();
+        let scenario = scenario::Scenario { obstacles, ..Default::default() };
         let file = Provider::File(Vec::new());
-        let mut senses = Senses::new([10.0, 0.0, -5.0], 20.0, world, 1, None, &file).unwrap();
+        let mut senses = Senses::new([10.0, 0.0, -5.0], 20.0, &scenario, 1, None, &file).unwrap();
         let now = Instant(1_000_000);
         let heartbeat =
             HEARTBEAT_DATA { custom_mode: 4, mavtype: 2, autopilot: 3, base_mode: 0x81, ..HEARTBEAT_DATA::DEFAULT };

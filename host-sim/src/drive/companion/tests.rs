@@ -24,6 +24,7 @@ fn an_obstacle_file_is_read_strictly() {
 pub(super) fn config() -> Config {
     Config {
         source_ned_m: [8.0, 0.0, -5.0],
+        pad_ne_m: None,
         is_source_known: true,
         obstacles: Provider::default(),
         v_max_mps: 2.0,
