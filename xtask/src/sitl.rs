@@ -7,7 +7,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::io::Read as _;
 use std::os::unix::process::CommandExt as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -15,13 +15,17 @@ use std::sync::{Mutex, PoisonError};
 use clap::Args;
 use serde_json::{Value, json};
 
-use crate::build::{cargo, workspace};
-use crate::{Failure, attend, test};
+use crate::build::{Image, cargo, workspace};
+use crate::{Failure, attend, board, test};
 
 /// Each with what it is, and how it should end.
-const CELLS: [(&str, &str); 13] = [
+const CELLS: [(&str, &str); 17] = [
     ("calm", "posts from a file, calm air; reached"),
     ("hidden", "posts that only a sensor of the vehicle sees, calm air; reached"),
+    (
+        "lidar",
+        "ArduPilot's own simulated lidar, told as eight sectors of 45 degrees; a post of 1 m radius between start and beacon; every other flight without ArduPilot's own avoidance (`AVOID_ENABLE` 5 instead of 7); reached",
+    ),
     ("wind", "8 m/s with gusts; reached"),
     ("gps_glitch", "ArduPilot: GPS 5.6 m off for 4 s; PX4: no satellites for 4 s; reached"),
     ("ekf_reset", "the estimate is moved by 3 m or more; reached"),
@@ -35,8 +39,13 @@ const CELLS: [(&str, &str); 13] = [
     ("battery", "critical, the autopilot's own action off: holds"),
     ("fence", "breached; ArduPilot only tells, PX4 holds: stands"),
     ("signing", "both sides sign; every frame of the companion is signed; reached"),
-    ("landing", "`FH_LND_MODE` 1 and `FH_LND_REQ` 1; reached, landed, disarmed"),
+    ("landing", "`FH_LND_MODE` 1 and `FH_LND_REQ` 1; reached, landed by the autopilot, disarmed"),
+    ("pad", "`FH_LND_MODE` 2 and `FH_LND_REQ` 1, a simulated camera (`--pad`); reached, landed on the pad, disarmed"),
+    ("landing_qemu", "the same as `landing` by the firmware in QEMU"),
+    ("pad_qemu", "the same as `pad` by the firmware in QEMU"),
 ];
+/// Ends the name of a cell that is flown by the firmware.
+const BY_FIRMWARE: &str = "_qemu";
 const AUTOPILOTS: [(&str, [&str; 2]); 2] = [
     ("ardupilot", ["examples/ardupilot.parm", "tests/peers/sitl/ardupilot.parm"]),
     ("px4", ["examples/px4.params", "tests/peers/sitl/px4.params"]),
@@ -60,6 +69,9 @@ pub(crate) struct Campaign {
     /// Flights at a time, in real time
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=7))]
     jobs: u16,
+    /// Keep the results of an earlier run of the same programs, which are in target/sitl
+    #[arg(long)]
+    resume: bool,
     /// Only these; the table is printed, not written
     #[arg(long, value_delimiter = ',')]
     cells: Vec<String>,
@@ -67,6 +79,15 @@ pub(crate) struct Campaign {
 
 /// The first instance: lower ones are left to who flies by hand. PX4 has ten.
 const FIRST_INSTANCE: u16 = 3;
+
+/// What flights are flown with.
+struct Programs {
+    python: PathBuf,
+    autopilots: [Option<PathBuf>; 2],
+    /// The firmware, if a cell needs it.
+    image: Option<Image>,
+    resume: bool,
+}
 
 struct Flight {
     cell: &'static str,
@@ -100,10 +121,13 @@ pub(crate) fn run(campaign: &Campaign) -> Result<(), Failure> {
             flights.extend(with.map(|autopilot| Flight { cell, autopilot, seed }));
         }
     }
-    let results = fly_all(&flights, campaign.jobs, &python, &binaries)?;
+    let by_firmware = flights.iter().any(|flight| flight.cell.ends_with(BY_FIRMWARE));
+    let image = by_firmware.then(|| Image::build(board::TWIN, "foxhound-firmware")).transpose()?;
+    let programs = Programs { python, autopilots: binaries, image, resume: campaign.resume };
+    let results = fly_all(&flights, campaign.jobs, &programs)?;
     let table = table(&flights, &results);
     print!("{table}");
-    if campaign.cells.is_empty() && binaries.iter().all(Option::is_some) {
+    if campaign.cells.is_empty() && programs.autopilots.iter().all(Option::is_some) {
         write(&table)?;
     }
     let wrong = results.iter().filter(|result| result["wrong"].is_string()).count();
@@ -114,19 +138,13 @@ pub(crate) fn run(campaign: &Campaign) -> Result<(), Failure> {
     }
 }
 
-fn fly_all(
-    flights: &[Flight],
-    jobs: u16,
-    python: &Path,
-    binaries: &[Option<PathBuf>; 2],
-) -> Result<Vec<Value>, Failure> {
+fn fly_all(flights: &[Flight], jobs: u16, programs: &Programs) -> Result<Vec<Value>, Failure> {
     let (next, results) = (AtomicUsize::new(0), Mutex::new(vec![Value::Null; flights.len()]));
     let work = |instance: u16| -> Result<(), Failure> {
         loop {
             let number = next.fetch_add(1, Ordering::Relaxed);
             let Some(flight) = flights.get(number) else { return Ok(()) };
-            let Some(binary) = &binaries[flight.autopilot] else { return Ok(()) };
-            let result = fly(flight, instance, python, binary)?;
+            let result = fly(flight, instance, programs)?;
             let word = result["wrong"].as_str().or(result["skipped"].as_str()).unwrap_or("as it should");
             eprintln!("{} {} {}: {word}", flight.cell, AUTOPILOTS[flight.autopilot].0, flight.seed);
             results.lock().unwrap_or_else(PoisonError::into_inner)[number] = result;
@@ -142,16 +160,25 @@ fn fly_all(
 }
 
 /// One flight, in a process group that is gone afterwards.
-fn fly(flight: &Flight, instance: u16, python: &Path, binary: &Path) -> Result<Value, Failure> {
+fn fly(flight: &Flight, instance: u16, programs: &Programs) -> Result<Value, Failure> {
+    let Programs { python, autopilots, image, resume } = programs;
     let (name, files) = AUTOPILOTS[flight.autopilot];
     let folder = workspace().join(format!("target/sitl/{}-{name}-{}", flight.cell, flight.seed));
     let unwritable = |error: std::io::Error| Failure(format!("{}: {error}", folder.display()));
+    let kept = folder.join("result.json");
+    if let Some(result) =
+        fs::read_to_string(&kept).ok().filter(|_| *resume).and_then(|text| serde_json::from_str(&text).ok())
+    {
+        return Ok(result);
+    }
     if folder.exists() {
         fs::remove_dir_all(&folder).map_err(unwritable)?;
     }
     fs::create_dir_all(&folder).map_err(unwritable)?;
+    let via = image.as_ref().filter(|_| flight.cell.ends_with(BY_FIRMWARE));
     let spec = json!({
-        "autopilot": name, "cell": flight.cell, "seed": flight.seed, "instance": instance, "folder": folder, "binary": binary,
+        "autopilot": name, "cell": flight.cell, "seed": flight.seed, "instance": instance, "folder": folder,
+        "binary": autopilots[flight.autopilot], "via": via.map_or("host".to_owned(), |image| format!("qemu:{}", image.elf.display())),
         "parameters": files.map(|file| workspace().join(file)),
         "foxhound": workspace().join("target/release/foxhound"), "time_max_s": TIME_MAX_S,
     });
@@ -170,7 +197,10 @@ fn fly(flight: &Flight, instance: u16, python: &Path, binary: &Path) -> Result<V
     let group = format!("-{}", child.id());
     let _ = Command::new("kill").args(["-KILL", "--", &group]).stderr(Stdio::null()).status();
     child.wait().map_err(unwritable)?;
-    let result = said.lines().last().and_then(|line| serde_json::from_str(line).ok());
+    let result: Option<Value> = said.lines().last().and_then(|line| serde_json::from_str(line).ok());
+    if let Some(result) = &result {
+        fs::write(&kept, result.to_string()).map_err(unwritable)?;
+    }
     Ok(result.unwrap_or_else(
         || json!({ "wrong": format!("the flight broke off: {}", folder.join("errors.log").display()) }),
     ))

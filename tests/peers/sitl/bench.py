@@ -16,7 +16,14 @@ import time
 os.environ["MAVLINK20"] = "1"
 from pymavlink.dialects.v20 import ardupilotmega as mavlink  # noqa: E402
 
-LATITUDE, LONGITUDE, ALTITUDE = 47.397742, 8.545594, 488
+HOME = (47.397742, 8.545594)
+ALTITUDE = 488
+METRES_PER_RAD = 6371000
+# The posts that ArduPilot's simulated lidar sees (SIM_PS_RPLidar; SITL.cpp, measure_distance_at_angle_bf): every 10 m, from an origin
+# of its own, which is the first of these north and east of it; their radius, and ArduPilot's metres in a degree.
+LIDAR_ORIGIN, LIDAR_FIRST_M, LIDAR_EVERY_M, LIDAR_POST_M = (51.8752066, 14.6487830), (3.0, 2.0), 10.0, 1.0
+LIDAR_METRES_PER_DEG = 111319.5
+PAD_M = 0.25
 HEIGHT_M = 5.0
 HULL_M = 0.15
 SCAN_RANGE_M = 6.0
@@ -62,7 +69,9 @@ class Bench:
 
     def __init__(self, spec):
         self.spec = spec
-        self.kind, self.cell, self.n = spec["autopilot"], spec["cell"], spec["instance"]
+        self.kind, self.n = spec["autopilot"], spec["instance"]
+        # A cell that is flown by the firmware is that of the same name.
+        self.cell = spec["cell"].removesuffix("_qemu")
         self.dir = pathlib.Path(spec["folder"])
         self.modes = MODES[self.kind]
         self.random = random.Random(spec["seed"])
@@ -95,6 +104,10 @@ class Bench:
 
     def lay_course(self):
         """A beacon 12 m away, 20 m where a fault needs time, and posts (north, east, radius) on the way there, in the autopilot's frame."""
+        self.home, self.pad = HOME, None
+        if self.cell == "lidar":
+            self.lay_lidar_course()
+            return
         bearing = self.random.uniform(-math.pi, math.pi)
         away = 20.0 if self.cell in ("gps_glitch", "ekf_reset", "wind") else 12.0
         ahead, right = (math.cos(bearing), math.sin(bearing)), (-math.sin(bearing), math.cos(bearing))
@@ -107,6 +120,27 @@ class Bench:
         ]
         posts = [{"x": east, "y": north, "r": r} for north, east, r in self.posts]
         (self.dir / "posts.json").write_text(json.dumps({"obstacles": posts}))
+        if self.cell == "pad":
+            self.pad = tuple(along + self.random.uniform(-0.5, 0.5) for along in self.beacon)
+
+    def lay_lidar_course(self):
+        """From about the middle of four of the lidar's posts to that of four others, past the one between them."""
+        middle = [first + LIDAR_EVERY_M / 2 + self.random.uniform(-1.0, 1.0) for first in LIDAR_FIRST_M]
+        latitude = LIDAR_ORIGIN[0] + middle[0] / LIDAR_METRES_PER_DEG
+        per_deg = (LIDAR_METRES_PER_DEG, LIDAR_METRES_PER_DEG * math.cos(math.radians(latitude)))
+        self.home = (latitude, LIDAR_ORIGIN[1] + middle[1] / per_deg[1])
+        # As `see` measures.
+        scale = math.radians(METRES_PER_RAD) / LIDAR_METRES_PER_DEG
+        numbers = range(-3, 5)
+        self.posts = [
+            (scale * (n * LIDAR_EVERY_M + LIDAR_FIRST_M[0] - middle[0]), scale * (e * LIDAR_EVERY_M + LIDAR_FIRST_M[1] - middle[1]), LIDAR_POST_M)
+            for n in numbers
+            for e in numbers
+        ]
+        self.beacon = tuple(self.random.choice((-1, 1)) * (LIDAR_EVERY_M + self.random.uniform(-1.0, 1.0)) for _ in range(2))
+
+    def lands(self):
+        return self.cell in ("landing", "pad")
 
     def sees_file(self):
         return self.cell in ("calm", "signing")
@@ -134,12 +168,18 @@ class Bench:
         state = self.dir / self.kind
         state.mkdir(exist_ok=True)
         if self.kind == "ardupilot":
-            arguments = ["--model", "quad", "-I", str(self.n), "--home", f"{LATITUDE},{LONGITUDE},{ALTITUDE},0"]
+            arguments = ["--model", "quad", "-I", str(self.n), "--home", f"{self.home[0]:.9f},{self.home[1]:.9f},{ALTITUDE},0"]
+            if self.cell == "lidar":
+                arguments += ["--serial5", "sim:rplidara2"]
+                own = self.dir / "lidar.parm"
+                # Every other flight without ArduPilot's own avoidance by its sensor, which stops short of what it sees.
+                own.write_text(f"SERIAL5_PROTOCOL 11\nPRX1_TYPE 5\nAVOID_ENABLE {7 if self.spec['seed'] % 2 else 5}\n")
+                files = [*files, str(own)]
             arguments += ["--defaults", ",".join(files), "--serial0", "tcp:0"]
             wipe = [] if any(state.iterdir()) else ["--wipe"]
             self.start("autopilot", [binary, *arguments, *wipe], cwd=state)
         else:
-            home = {"PX4_HOME_LAT": LATITUDE, "PX4_HOME_LON": LONGITUDE, "PX4_HOME_ALT": ALTITUDE}
+            home = {"PX4_HOME_LAT": self.home[0], "PX4_HOME_LON": self.home[1], "PX4_HOME_ALT": ALTITUDE}
             values = {f"PX4_PARAM_{name}": value for file in files for name, value in px4_values(file)}
             if self.cell == "signing":
                 (state / "mavlink").mkdir(exist_ok=True)
@@ -160,13 +200,16 @@ class Bench:
         else:
             address = f"udpin:127.0.0.1:{self.companion_at[1]}"
         north, east = self.beacon
-        down = 0.0 if self.cell == "landing" else -HEIGHT_M
+        down = 0.0 if self.lands() else -HEIGHT_M
         command = [self.spec["foxhound"], "companion", "--json", "--autopilot", address, f"--source={north:.3f},{east:.3f},{down}"]
         command += ["--seed", str(self.spec["seed"]), "--max-time", "220", "--tlog", str(self.dir / f"flight{self.companion_starts}.tlog")]
         command += ["--obstacles", str(self.dir / "posts.json") if self.sees_file() else "autopilot"]
-        if self.cell == "landing":
-            (self.dir / "landing.toml").write_text("FH_LND_MODE = 1\nFH_LND_REQ = 1\n")
+        command += ["--via", self.spec["via"]]
+        if self.lands():
+            (self.dir / "landing.toml").write_text(f"FH_LND_MODE = {2 if self.pad else 1}\nFH_LND_REQ = 1\nFH_PAD_R = {PAD_M}\n")
             command += ["--params", str(self.dir / "landing.toml")]
+        if self.pad:
+            command += [f"--pad={self.pad[0]:.3f},{self.pad[1]:.3f}"]
         if self.cell == "signing":
             (self.dir / "key").write_text(KEY.hex() + "\n")
             command += ["--key", str(self.dir / "key")]
@@ -230,7 +273,7 @@ class Bench:
         if now >= self.next_beat:
             self.next_beat = now + 1
             self.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3))
-        if now >= self.next_scan and self.truth and self.offset and not self.sees_file():
+        if now >= self.next_scan and self.truth and self.offset and not self.sees_file() and self.cell != "lidar":
             self.next_scan = now + 0.1
             scan = mavlink.MAVLink_obstacle_distance_message(0, 0, self.look(), 5, 20, int(100 * SCAN_RANGE_M), 5.0, 0.0, 12)
             self.sensor.srcSystem = self.beat.get_srcSystem()
@@ -306,8 +349,8 @@ class Bench:
 
     def see(self, lat, lon, height, speed, yaw):
         """Where the vehicle is in truth, from its home: north, east, height, speed, yaw."""
-        north = math.radians(lat * 1e-7 - LATITUDE) * 6371000
-        east = math.radians(lon * 1e-7 - LONGITUDE) * 6371000 * math.cos(math.radians(LATITUDE))
+        north = math.radians(lat * 1e-7 - self.home[0]) * METRES_PER_RAD
+        east = math.radians(lon * 1e-7 - self.home[1]) * METRES_PER_RAD * math.cos(math.radians(self.home[0]))
         self.truth = (north, east, height, speed, yaw)
         if not self.offset or not self.estimate:
             return
@@ -402,9 +445,11 @@ class Bench:
                 self.pump(0.1)
         text = (self.dir / f"companion{self.companion_starts}.json").read_text() if self.companion_starts else ""
         report = json.loads(text.splitlines()[-1]) if text.strip() else {}
-        to_beacon = math.dist(self.true_place(), self.beacon) if self.truth and self.offset else None
+        to_beacon = math.dist(self.true_place(), self.pad or self.beacon) if self.truth and self.offset else None
         if not wrong and self.cell not in ("battery", "fence"):
             wrong = None if report.get("result") == "reached" else f"the companion ended {report.get('result')}, {report.get('reason')}"
+        if self.pad and to_beacon is not None and to_beacon > 2 * PAD_M and not wrong:
+            wrong = f"landed {to_beacon:.2f} m from the middle of the pad"
         for name, is_allowed in (("stray", False), ("over", False), ("unsigned", self.cell != "signing")):
             if self.count[name] and not is_allowed and not wrong:
                 wrong = f"{self.count[name]} {name} setpoints or frames"

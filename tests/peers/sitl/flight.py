@@ -20,7 +20,7 @@ import struct
 import sys
 import time
 
-from bench import ARMED, HEIGHT_M, KEY, LATITUDE, LONGITUDE, Bench, Failed, Skipped, mavlink, signing_time
+from bench import ARMED, HEIGHT_M, KEY, METRES_PER_RAD, Bench, Failed, Skipped, mavlink, signing_time
 
 # Texts of the companion after which it waits for the mode to be entered again.
 ENTER_AGAIN = ("velocity contradicts position", "position stands still")
@@ -149,6 +149,8 @@ class Flight(Bench):
 
     def fly(self):
         """The whole flight; returns what is wrong with it, or nothing."""
+        if self.cell == "lidar" and self.kind == "px4":
+            raise Skipped("its simulator has no such sensor")
         self.start_autopilot()
         if self.cell == "signing":  # the companion believes nothing before the key is there
             self.wait("heartbeat", lambda: self.beat, 60)
@@ -169,14 +171,14 @@ class Flight(Bench):
                 return "the beacon was not reached in 120 s"
             self.tend()
             self.pump()
-        if self.cell == "landing":
+        if self.lands():
             self.wait("disarmed", lambda: not self.beat.base_mode & ARMED, 60)
         self.pump(1.0)
         return None
 
     def tend(self):
         """As the manual tells the pilot: gives back what a failsafe took, and enters the mode again where that is asked."""
-        if self.cell != "landing" and self.in_control_since is None and time.monotonic() - self.mode_at > 4.0:
+        if not self.lands() and self.in_control_since is None and time.monotonic() - self.mode_at > 4.0:
             self.count["given_back"] += 1
             self.give()
         if self.told and any(words in self.told[-1] for words in ENTER_AGAIN):
@@ -214,8 +216,8 @@ class Flight(Bench):
         if self.kind == "ardupilot":
             self.set_parameters(SIM_GPS1_GLTCH_X=5e-5)
         else:
-            lat = LATITUDE + math.degrees((self.truth[0] + 3.0) / 6371000)
-            lon = LONGITUDE + math.degrees(self.truth[1] / 6371000 / math.cos(math.radians(LATITUDE)))
+            lat = self.home[0] + math.degrees((self.truth[0] + 3.0) / METRES_PER_RAD)
+            lon = self.home[1] + math.degrees(self.truth[1] / METRES_PER_RAD / math.cos(math.radians(self.home[0])))
             place = mavlink.MAVLink_command_int_message(
                 self.beat.get_srcSystem(), 1, 0, 43003, 0, 0, 0, 0.0, 0.1, 0, int(lat * 1e7), int(lon * 1e7), math.nan
             )
