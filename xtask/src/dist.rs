@@ -12,7 +12,10 @@ use object::read::elf::{ElfFile32, ProgramHeader as _};
 use sha2::{Digest as _, Sha256};
 
 use crate::board::{NUCLEO, TWIN};
-use crate::build::{Image, answer, built, cargo, cargo_home, host, path_flags, path_setting, sysroot, workspace};
+use crate::build::{
+    Image, answer, built, cargo, cargo_home, host, install_target, path_flags, path_setting, sysroot, workspace,
+};
+use crate::test::{MACOS, lint_elsewhere};
 use crate::{Failure, attend};
 
 /// The shells that get completions, and the names by which they find them.
@@ -29,6 +32,8 @@ pub(crate) fn run(dirty: bool, twice: bool) -> Result<(), Failure> {
     }
     let mark = if changed.is_empty() { "" } else { "-dirty" };
     let commit = format!("{}{mark}\n", git(&["rev-parse", "HEAD"])?);
+    install_target(MACOS)?;
+    lint_elsewhere(MACOS, &["--deny", "warnings"])?;
     let folder = workspace().join("target/dist");
     let emptied = fs::remove_dir_all(&folder);
     if folder.exists() {
