@@ -219,6 +219,10 @@ pub(crate) fn start(address: &str, extra: &[&str]) -> Child {
     if !extra.iter().any(|word| word.starts_with("--source")) {
         command.arg("--source=8,0,-5");
     }
+    // One that is never given control is to fail, not to wait.
+    if !extra.contains(&"--max-time") {
+        command.args(["--max-time", "100"]);
+    }
     command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
 

@@ -213,7 +213,7 @@ impl Line {
         }
     }
 
-    /// Whether there is a peer to write to, as far as can be known. Reopens a broken line.
+    /// Whether there is a peer to write to, as far as can be known. Reading reopens a broken line.
     pub fn is_open(&mut self) -> bool {
         match &mut self.0 {
             Kind::Tcp(tcp) => tcp.is_open(),

@@ -41,6 +41,8 @@ const A_MAX_MPS2: f64 = 2.0;
 const PILOT_PERIOD_US: u64 = 500_000;
 /// The pilot gives control so long after a companion is heard: by then it knows that it is not in control.
 const GIVES_AFTER_US: u64 = 2_000_000;
+/// In the text by which a companion that was started in its mode says what it waits for.
+const ENTER_AGAIN: &str = "enter it again";
 /// A companion that has been silent for so long is gone.
 const SILENT_US: u64 = 3_000_000;
 
@@ -108,32 +110,43 @@ struct Ended {
     last_setpoint_mps: Option<[f32; 3]>,
 }
 
+/// What the pilot notices of a companion.
+#[derive(Clone, Copy, Default)]
+struct Noticed {
+    /// Its heartbeat.
+    is_heard: bool,
+    /// It asks for the mode to be left and entered again.
+    asks_again: bool,
+}
+
 impl Ended {
-    /// Whether a companion's heartbeat is among them.
-    fn watch(&mut self, framer: &mut Framer, mut bytes: &[u8]) -> bool {
-        let mut is_heard = false;
+    fn watch(&mut self, framer: &mut Framer, mut bytes: &[u8]) -> Noticed {
+        let mut noticed = Noticed::default();
         while !bytes.is_empty() {
             bytes = &bytes[framer.push(bytes)..];
             while let Some(message) = framer.next_frame().map(|frame| frame.message()) {
                 match message {
                     Some(MavMessage::HEARTBEAT(heartbeat)) => {
                         self.heartbeats += 1;
-                        is_heard |= heartbeat.mavtype == MavType::MAV_TYPE_ONBOARD_CONTROLLER as u8;
+                        noticed.is_heard |= heartbeat.mavtype == MavType::MAV_TYPE_ONBOARD_CONTROLLER as u8;
                     }
                     Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) => {
                         self.setpoints += 1;
                         self.fastest_setpoint_mps = self.fastest_setpoint_mps.max(libm::hypotf(target.vx, target.vy));
                         self.last_setpoint_mps = Some([target.vx, target.vy, target.vz]);
                     }
+                    Some(MavMessage::STATUSTEXT(text)) => {
+                        noticed.asks_again |= text.text.to_str().is_ok_and(|text| text.contains(ENTER_AGAIN));
+                    }
                     _ => {}
                 }
             }
         }
-        is_heard
+        noticed
     }
 }
 
-/// Gives control to a companion once it is heard, and takes it back when it is gone.
+/// Gives control to a companion once it is heard, takes it back when it is gone, and gives it anew where that is asked for.
 #[derive(Default)]
 struct Pilot {
     heard_us: Option<u64>,
@@ -141,8 +154,8 @@ struct Pilot {
 }
 
 impl Pilot {
-    fn act(&mut self, now_us: u64, is_heard: bool, is_open: bool, autopilot: &mut Autopilot, hover_mode: u32) {
-        if is_heard && self.heard_us.replace(now_us).is_none() {
+    fn act(&mut self, now_us: u64, noticed: Noticed, is_open: bool, autopilot: &mut Autopilot, hover_mode: u32) {
+        if noticed.is_heard && self.heard_us.replace(now_us).is_none() {
             self.gives_us = Some(now_us + GIVES_AFTER_US);
         }
         if self.heard_us.is_some_and(|heard_us| !is_open || now_us > heard_us + SILENT_US) {
@@ -150,6 +163,9 @@ impl Pilot {
             if autopilot.custom_mode == autopilot.companion_mode() {
                 autopilot.select_mode(now_us, hover_mode);
             }
+        } else if noticed.asks_again {
+            autopilot.select_mode(now_us, hover_mode);
+            self.gives_us = Some(now_us + GIVES_AFTER_US);
         }
         if self.gives_us.is_some_and(|gives_us| now_us >= gives_us) {
             let is_given = autopilot.select_mode(now_us, autopilot.companion_mode());
@@ -195,10 +211,10 @@ pub(super) fn autopilot(cli: &Cli, args: &AutopilotCommand) -> Result<ExitCode, 
         let now_us = pace.wait().0;
         ended.time_s = now_us as f64 * 1e-6;
         let rx = wire.to_autopilot(&line.read());
-        let is_heard = ended.watch(&mut framer, &rx);
+        let noticed = ended.watch(&mut framer, &rx);
         autopilot.receive(now_us, &vehicle.motion, &rx);
         if let Some(pilot) = &mut pilot {
-            pilot.act(now_us, is_heard, line.is_open(), &mut autopilot, hover_mode);
+            pilot.act(now_us, noticed, line.is_open(), &mut autopilot, hover_mode);
         }
         flown_us = flown_us.max(now_us.saturating_sub(STALL_MAX_US));
         while flown_us + STEP_US <= now_us {

@@ -23,6 +23,8 @@ const UNACKNOWLEDGED_MAX_MS: u32 = 5_000;
 #[derive(Debug)]
 pub(super) struct Tcp {
     stream: Option<Stream<TcpStream>>,
+    /// Nothing could be written to it: the next read hangs up.
+    is_broken: bool,
     source: Source,
 }
 
@@ -37,13 +39,13 @@ impl Tcp {
     pub(super) fn call(endpoint: &Endpoint) -> io::Result<Self> {
         let addresses: Vec<_> = (endpoint.host.as_str(), endpoint.port).to_socket_addrs()?.collect();
         let underway = call(addresses.clone());
-        Ok(Self { stream: None, source: Source::Calls { addresses, underway } })
+        Ok(Self { stream: None, is_broken: false, source: Source::Calls { addresses, underway } })
     }
 
     pub(super) fn listen(endpoint: &Endpoint) -> io::Result<Self> {
         let listener = TcpListener::bind((endpoint.host.as_str(), endpoint.port))?;
         listener.set_nonblocking(true)?;
-        Ok(Self { stream: None, source: Source::Listener(listener) })
+        Ok(Self { stream: None, is_broken: false, source: Source::Listener(listener) })
     }
 
     pub(super) fn port(&self) -> io::Result<u16> {
@@ -53,22 +55,18 @@ impl Tcp {
         }
     }
 
-    pub(super) fn is_open(&mut self) -> bool {
-        if self.stream.is_none() {
-            let connected = match &self.source {
-                Source::Calls { underway, .. } => underway.try_recv().ok(),
-                Source::Listener(listener) => listener.accept().ok().map(|(stream, _)| stream),
-            };
-            self.stream = connected.filter(|stream| prepare(stream).is_ok()).map(Stream::new);
-        }
-        self.stream.is_some()
+    pub(super) fn is_open(&self) -> bool {
+        self.stream.is_some() && !self.is_broken
     }
 
+    /// A peer that hangs up, and one that follows it at once, are never in one call: in between it is not open.
     pub(super) fn read(&mut self) -> Vec<u8> {
         let mut bytes = Vec::new();
-        if self.is_open()
-            && let Some(stream) = &mut self.stream
-            && stream.read(&mut bytes).is_err()
+        if self.stream.is_none() {
+            self.connect();
+        }
+        if let Some(stream) = &mut self.stream
+            && (self.is_broken || stream.read(&mut bytes).is_err())
         {
             self.hang_up();
         }
@@ -79,12 +77,20 @@ impl Tcp {
         if let Some(stream) = &mut self.stream
             && stream.write(frames).is_err()
         {
-            self.hang_up();
+            self.is_broken = true;
         }
     }
 
+    fn connect(&mut self) {
+        let connected = match &self.source {
+            Source::Calls { underway, .. } => underway.try_recv().ok(),
+            Source::Listener(listener) => listener.accept().ok().map(|(stream, _)| stream),
+        };
+        self.stream = connected.filter(|stream| prepare(stream).is_ok()).map(Stream::new);
+    }
+
     fn hang_up(&mut self) {
-        self.stream = None;
+        (self.stream, self.is_broken) = (None, false);
         if let Source::Calls { addresses, underway } = &mut self.source {
             *underway = call(addresses.clone());
         }

@@ -21,6 +21,7 @@ fn read(line: &mut Line, count: usize) -> Vec<u8> {
 fn wait(line: &mut Line) {
     let begin = Instant::now();
     while !line.is_open() && begin.elapsed() < Duration::from_secs(10) {
+        assert!(line.read().is_empty());
         std::thread::sleep(Duration::from_millis(1));
     }
     assert!(line.is_open());
@@ -62,6 +63,23 @@ fn a_server_takes_one_client_after_another_and_a_client_calls_again() {
     wait(&mut next);
     next.write(&frame(8));
     assert_eq!(read(&mut again, 21), frame(8));
+}
+
+#[test]
+fn between_two_clients_that_follow_each_other_at_once_a_server_is_not_open() {
+    let (mut there, here, address) = speaks_both_ways("tcp:127.0.0.1:0");
+    let mut next = Line::open(&address).unwrap();
+    wait(&mut next);
+    drop(here);
+    let begin = Instant::now();
+    while there.is_open() && begin.elapsed() < Duration::from_secs(10) {
+        there.read();
+        there.write(&frame(5));
+    }
+    assert!(!there.is_open());
+    next.write(&frame(9));
+    assert_eq!(read(&mut there, 21), frame(9));
+    assert!(there.is_open());
 }
 
 #[test]
