@@ -67,7 +67,7 @@ pub(crate) struct Campaign {
     #[arg(long, default_value_t = 2)]
     seeds: u64,
     /// Flights at a time, in real time
-    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=7))]
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=i64::from(INSTANCES)))]
     jobs: u16,
     /// Keep the results of an earlier run of the same programs, which are in target/sitl
     #[arg(long)]
@@ -77,8 +77,8 @@ pub(crate) struct Campaign {
     cells: Vec<String>,
 }
 
-/// The first instance: lower ones are left to who flies by hand. PX4 has ten.
-const FIRST_INSTANCE: u16 = 3;
+/// What PX4 has. The last ones are taken: lower ones are left to who flies by hand.
+const INSTANCES: u16 = 10;
 
 /// What flights are flown with.
 struct Programs {
@@ -151,7 +151,7 @@ fn fly_all(flights: &[Flight], jobs: u16, programs: &Programs) -> Result<Vec<Val
         }
     };
     std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..jobs).map(|job| scope.spawn(move || work(FIRST_INSTANCE + job))).collect();
+        let workers: Vec<_> = (0..jobs).map(|job| scope.spawn(move || work(INSTANCES - jobs + job))).collect();
         workers
             .into_iter()
             .try_for_each(|worker| worker.join().unwrap_or_else(|_| Err(Failure("a worker died".to_owned()))))
