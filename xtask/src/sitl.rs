@@ -77,6 +77,8 @@ pub(crate) struct Campaign {
     cells: Vec<String>,
 }
 
+/// Flights by the firmware at a time: QEMU does not keep up on a busy processor.
+const FIRMWARE_JOBS: u16 = 2;
 /// What PX4 has. The last ones are taken: lower ones are left to who flies by hand.
 const INSTANCES: u16 = 10;
 
@@ -87,6 +89,22 @@ struct Programs {
     /// The firmware, if a cell needs it.
     image: Option<Image>,
     resume: bool,
+}
+
+/// Flights that wait, by number.
+struct Queue {
+    waiting: Vec<usize>,
+    next: AtomicUsize,
+}
+
+impl Queue {
+    const fn new(waiting: Vec<usize>) -> Self {
+        Self { waiting, next: AtomicUsize::new(0) }
+    }
+
+    fn take(&self) -> Option<usize> {
+        self.waiting.get(self.next.fetch_add(1, Ordering::Relaxed)).copied()
+    }
 }
 
 struct Flight {
@@ -139,19 +157,23 @@ pub(crate) fn run(campaign: &Campaign) -> Result<(), Failure> {
 }
 
 fn fly_all(flights: &[Flight], jobs: u16, programs: &Programs) -> Result<Vec<Value>, Failure> {
-    let (next, results) = (AtomicUsize::new(0), Mutex::new(vec![Value::Null; flights.len()]));
-    let work = |instance: u16| -> Result<(), Failure> {
+    let (firmware, others): (Vec<usize>, Vec<usize>) =
+        (0..flights.len()).partition(|number| flights[*number].cell.ends_with(BY_FIRMWARE));
+    let (firmware, others) = (Queue::new(firmware), Queue::new(others));
+    let results = Mutex::new(vec![Value::Null; flights.len()]);
+    let work = |job: u16| -> Result<(), Failure> {
         loop {
-            let number = next.fetch_add(1, Ordering::Relaxed);
-            let Some(flight) = flights.get(number) else { return Ok(()) };
-            let result = fly(flight, instance, programs)?;
+            let next = if job < FIRMWARE_JOBS { firmware.take().or_else(|| others.take()) } else { others.take() };
+            let Some(number) = next else { return Ok(()) };
+            let flight = &flights[number];
+            let result = fly(flight, INSTANCES - jobs + job, programs)?;
             let word = result["wrong"].as_str().or(result["skipped"].as_str()).unwrap_or("as it should");
             eprintln!("{} {} {}: {word}", flight.cell, AUTOPILOTS[flight.autopilot].0, flight.seed);
             results.lock().unwrap_or_else(PoisonError::into_inner)[number] = result;
         }
     };
     std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..jobs).map(|job| scope.spawn(move || work(INSTANCES - jobs + job))).collect();
+        let workers: Vec<_> = (0..jobs).map(|job| scope.spawn(move || work(job))).collect();
         workers
             .into_iter()
             .try_for_each(|worker| worker.join().unwrap_or_else(|_| Err(Failure("a worker died".to_owned()))))

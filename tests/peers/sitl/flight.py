@@ -268,6 +268,8 @@ class Flight(Bench):
         self.way()
         self.kill("companion")
         self.pump(2.0)
+        if self.kind == "px4":  # leaves the mode by itself, which its next heartbeat tells
+            self.wait("left the mode", lambda: not self.is_in_control(), 5)
         self.moved_at = self.setpoint_at = None
         told = len(self.told)
         self.start_companion()
