@@ -215,7 +215,10 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     let mut watched = Watched::new(&args.live, args.report.as_deref(), recorder)?;
     let mut qemu = match &args.via {
         Via::Host => None,
-        Via::Qemu(elf) => Some(QemuComputer::start(elf, &Setup { guidance, needs_entry: false }).map_err(refused)?),
+        // A real autopilot says more than QEMU takes from its serial line in real time.
+        Via::Qemu(elf) => {
+            Some(QemuComputer::start_quick(elf, &Setup { guidance, needs_entry: false }).map_err(refused)?)
+        }
         Via::G474(_) => {
             return Err(InputError::new(
                 "--via: g474 keeps the board's time, which is slower than this one; `fly` takes it",

@@ -27,6 +27,9 @@ use port::Port;
 
 /// Time limit of one answer. A replan takes a fraction of a second.
 const PATIENCE: Duration = Duration::from_secs(20);
+/// The autopilot's bytes that a step takes at most: what its line carries in that time, twice. More is said in the next steps.
+const SAY_MAX_BYTES: usize = 4096;
+const _: () = assert!(SAY_MAX_BYTES <= twin::LINE_BYTES, "they fit");
 /// Time until we check whether the firmware waits for us.
 const LOOK_ROUND: Duration = Duration::from_millis(20);
 
@@ -40,6 +43,8 @@ pub struct QemuComputer {
     bell: UnixStream,
     /// The autopilot's bytes go through the memory.
     is_quick: bool,
+    /// Those for which there was no room in the last step.
+    waiting: Vec<u8>,
     sequence: u32,
     rx_total: u32,
     tx_total: u32,
@@ -135,6 +140,7 @@ impl QemuComputer {
             mavlink,
             bell,
             is_quick,
+            waiting: Vec::new(),
             sequence: 0,
             rx_total: 0,
             tx_total: 0,
@@ -195,6 +201,7 @@ impl QemuComputer {
     /// As of [`set_up`](Self::set_up).
     pub fn recover(&mut self, setup: &Setup) -> Result<(), QemuError> {
         (self.rx_total, self.tx_total, self.late_steps) = (0, 0, 0);
+        self.waiting.clear();
         (self.camera_total, self.camera_laid, self.sensor_total) = (0, 0, 0);
         self.write_setup(setup)?;
         let block = self.ring(twin::SETUP)?;
@@ -316,11 +323,15 @@ impl QemuComputer {
     /// Passes the autopilot's bytes to it.
     fn say(&mut self, rx: &[u8]) -> Result<(), QemuError> {
         let at = self.rx_total;
-        self.rx_total = self.rx_total.wrapping_add(rx.len() as u32);
         if !self.is_quick {
+            self.rx_total = at.wrapping_add(rx.len() as u32);
             return Ok(self.mavlink.write_all(rx)?);
         }
-        self.lay(rx, at, twin::LINE_AT, twin::LINE_BYTES)?;
+        self.waiting.extend_from_slice(rx);
+        let later = self.waiting.split_off(self.waiting.len().min(SAY_MAX_BYTES));
+        let now = std::mem::replace(&mut self.waiting, later);
+        self.rx_total = at.wrapping_add(now.len() as u32);
+        self.lay(&now, at, twin::LINE_AT, twin::LINE_BYTES)?;
         Ok(self.write_rx_total()?)
     }
 
