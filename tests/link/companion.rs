@@ -484,6 +484,8 @@ fn bad_usage_is_refused_and_named() {
         ([&good[..], &["--obstacles", &missing]].concat(), ["--obstacles", "missing.json"]),
         ([&good[..], &["--obstacles", &unknown]].concat(), ["--obstacles", "obstacles[0].height: unknown key"]),
         ([&good[..], &["--obstacles", &negative]].concat(), ["--obstacles", "obstacles[0].r = -0.3 is outside"]),
+        ([&good[..], &["--pad", "1"]].concat(), ["--pad", "two numbers"]),
+        ([&good[..], &["--pad=1,12.5"]].concat(), ["--pad: E = 12.5", "is outside -8..=12"]),
         ([&good[..], &["--via", "qmeu:x"]].concat(), ["--via", "expected"]),
         ([&good[..], &["--via", &no_elf]].concat(), ["--via", "not an ELF file"]),
         ([&good[..], &["--tlog", "/dev/null/f.tlog"]].concat(), ["--tlog", "/dev/null"]),
