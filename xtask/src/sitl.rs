@@ -52,6 +52,8 @@ const AUTOPILOTS: [(&str, [&str; 2]); 2] = [
 ];
 /// What the page has from here on is written by this command, what is above by hand.
 const MEASURED: &str = "## Measured\n";
+/// In a flight's folder.
+const RESULT: &str = "result.json";
 /// Ends a flight that is stuck.
 const TIME_MAX_S: u32 = 270;
 
@@ -166,7 +168,15 @@ fn fly_all(flights: &[Flight], jobs: u16, programs: &Programs) -> Result<Vec<Val
             let next = if job < FIRMWARE_JOBS { firmware.take().or_else(|| others.take()) } else { others.take() };
             let Some(number) = next else { return Ok(()) };
             let flight = &flights[number];
-            let result = fly(flight, INSTANCES - jobs + job, programs)?;
+            let instance = INSTANCES - jobs + job;
+            let mut result = fly(flight, instance, programs, programs.resume)?;
+            if result["wrong"].is_string() && result["took_off"] == false && result["again"].is_null() {
+                let again = result["wrong"].clone();
+                result = fly(flight, instance, programs, false)?;
+                result["again"] = again;
+            }
+            fs::write(folder(flight).join(RESULT), result.to_string())
+                .map_err(|error| Failure(format!("{}: {error}", folder(flight).display())))?;
             let word = result["wrong"].as_str().or(result["skipped"].as_str()).unwrap_or("as it should");
             eprintln!("{} {} {}: {word}", flight.cell, AUTOPILOTS[flight.autopilot].0, flight.seed);
             results.lock().unwrap_or_else(PoisonError::into_inner)[number] = result;
@@ -181,15 +191,22 @@ fn fly_all(flights: &[Flight], jobs: u16, programs: &Programs) -> Result<Vec<Val
     Ok(results.into_inner().unwrap_or_else(PoisonError::into_inner))
 }
 
-/// One flight, in a process group that is gone afterwards.
-fn fly(flight: &Flight, instance: u16, programs: &Programs) -> Result<Value, Failure> {
-    let Programs { python, autopilots, image, resume } = programs;
+/// Where a flight's files are.
+fn folder(flight: &Flight) -> PathBuf {
+    let name = AUTOPILOTS[flight.autopilot].0;
+    workspace().join(format!("target/sitl/{}-{name}-{}", flight.cell, flight.seed))
+}
+
+/// One flight, in a process group that is gone afterwards; or, to `resume`, its result of an earlier run.
+fn fly(flight: &Flight, instance: u16, programs: &Programs, resume: bool) -> Result<Value, Failure> {
+    let Programs { python, autopilots, image, .. } = programs;
     let (name, files) = AUTOPILOTS[flight.autopilot];
-    let folder = workspace().join(format!("target/sitl/{}-{name}-{}", flight.cell, flight.seed));
+    let folder = folder(flight);
     let unwritable = |error: std::io::Error| Failure(format!("{}: {error}", folder.display()));
-    let kept = folder.join("result.json");
-    if let Some(result) =
-        fs::read_to_string(&kept).ok().filter(|_| *resume).and_then(|text| serde_json::from_str(&text).ok())
+    if let Some(result) = fs::read_to_string(folder.join(RESULT))
+        .ok()
+        .filter(|_| resume)
+        .and_then(|text| serde_json::from_str(&text).ok())
     {
         return Ok(result);
     }
@@ -219,10 +236,7 @@ fn fly(flight: &Flight, instance: u16, programs: &Programs) -> Result<Value, Fai
     let group = format!("-{}", child.id());
     let _ = Command::new("kill").args(["-KILL", "--", &group]).stderr(Stdio::null()).status();
     child.wait().map_err(unwritable)?;
-    let result: Option<Value> = said.lines().last().and_then(|line| serde_json::from_str(line).ok());
-    if let Some(result) = &result {
-        fs::write(&kept, result.to_string()).map_err(unwritable)?;
-    }
+    let result = said.lines().last().and_then(|line| serde_json::from_str(line).ok());
     Ok(result.unwrap_or_else(
         || json!({ "wrong": format!("the flight broke off: {}", folder.join("errors.log").display()) }),
     ))
@@ -233,7 +247,7 @@ fn table(flights: &[Flight], results: &[Value]) -> String {
         "| cell | autopilot | flights | as they should | least clearance, m | longest gap, s | to the beacon, m \
          | estimate off, m | mode entered again |\n|---|---|---|---|---|---|---|---|---|\n",
     );
-    let mut wrongs = String::new();
+    let (mut wrongs, mut agains) = (String::new(), String::new());
     for (cell, autopilot) in
         CELLS.iter().flat_map(|(cell, _)| (0..AUTOPILOTS.len()).map(move |autopilot| (*cell, autopilot)))
     {
@@ -262,13 +276,20 @@ fn table(flights: &[Flight], results: &[Value]) -> String {
             flown.len()
         );
         for (flight, result) in of {
+            if let Some(again) = result["again"].as_str() {
+                let _ = writeln!(agains, "- {cell}, {name}, seed {}: {again}", flight.seed);
+            }
             if let Some(wrong) = result["wrong"].as_str() {
                 let _ = writeln!(wrongs, "- {cell}, {name}, seed {}: {wrong}", flight.seed);
             }
         }
     }
-    if !wrongs.is_empty() {
-        let _ = write!(text, "\nNot as they should:\n\n{wrongs}");
+    for (title, list) in
+        [("Flown again, because the autopilot did not take off", agains), ("Not as they should", wrongs)]
+    {
+        if !list.is_empty() {
+            let _ = write!(text, "\n{title}:\n\n{list}");
+        }
     }
     text
 }

@@ -82,6 +82,7 @@ class Bench:
         self.caller = [0] if stat.S_ISFIFO(os.fstat(0).st_mode) else []
         self.processes = {}
         self.companion_starts = 0
+        self.has_taken_off = False
         self.mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self.sensor = mavlink.MAVLink(None, srcSystem=1, srcComponent=mavlink.MAV_COMP_ID_OBSTACLE_AVOIDANCE)
         self.pilot = self.up = self.down = self.listener = None

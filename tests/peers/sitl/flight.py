@@ -110,6 +110,7 @@ class Flight(Bench):
         self.wait(f"{HEIGHT_M} m", lambda: self.truth[2] - ground > HEIGHT_M - 0.6, 60)
         if self.kind == "px4":
             self.wait("hold", lambda: self.beat.custom_mode == self.modes["hold"], 20)
+        self.has_taken_off = True
 
     def lay_offset(self):
         if not self.offset:
@@ -322,7 +323,7 @@ def main():
         result = flight.result(wrong)
     except Failed as failed:
         result = {"wrong": wrong or str(failed)}
-    print(json.dumps(result))
+    print(json.dumps(result | {"took_off": flight.has_taken_off}))
 
 
 if __name__ == "__main__":
