@@ -24,7 +24,7 @@ const CELLS: [(&str, &str); 17] = [
     ("hidden", "posts that only a sensor of the vehicle sees, calm air; reached"),
     (
         "lidar",
-        "ArduPilot's own simulated lidar, told as eight sectors of 45 degrees; a post of 1 m radius between start and beacon; every other flight without ArduPilot's own avoidance (`AVOID_ENABLE` 5 instead of 7); reached",
+        "ArduPilot's own simulated lidar, told as eight sectors of 45 degrees; a post of 1 m radius between start and beacon; every other flight without ArduPilot's own avoidance (`AVOID_ENABLE` 5 instead of 7), two of four without `--obstacles`; reached",
     ),
     ("wind", "8 m/s with gusts; reached"),
     ("gps_glitch", "ArduPilot: GPS 5.6 m off for 4 s; PX4: no satellites for 4 s; reached"),

@@ -204,7 +204,9 @@ class Bench:
         down = 0.0 if self.lands() else -HEIGHT_M
         command = [self.spec["foxhound"], "companion", "--json", "--autopilot", address, f"--source={north:.3f},{east:.3f},{down}"]
         command += ["--seed", str(self.spec["seed"]), "--max-time", "220", "--tlog", str(self.dir / f"flight{self.companion_starts}.tlog")]
-        command += ["--obstacles", str(self.dir / "posts.json") if self.sees_file() else "autopilot"]
+        # Two of four flights by the lidar say nothing of obstacles: what the autopilot tells is heard all the same.
+        if self.cell != "lidar" or self.spec["seed"] // 2 % 2 == 0:
+            command += ["--obstacles", str(self.dir / "posts.json") if self.sees_file() else "autopilot"]
         command += ["--via", self.spec["via"]]
         if self.lands():
             (self.dir / "landing.toml").write_text(f"FH_LND_MODE = {2 if self.pad else 1}\nFH_LND_REQ = 1\nFH_PAD_R = {PAD_M}\n")
