@@ -76,9 +76,12 @@ impl Given {
         &self.values
     }
 
-    /// Writes only the given parameters into a configuration of guidance.
+    /// Writes only the given parameters into a configuration of guidance. Those that belong together and are not given are as the
+    /// configuration has them.
     pub fn apply(&self, config: &mut guidance::Config) {
-        self.ids.iter().for_each(|id| self.values.apply_one(*id, config));
+        let mut values = Values::of(config);
+        self.overrule(&mut values);
+        self.ids.iter().for_each(|id| values.apply_one(*id, config));
     }
 
     /// Writes only the given parameters over other values.

@@ -1,4 +1,5 @@
 use super::*;
+use crate::scenario::params::Given;
 
 #[test]
 fn an_obstacle_file_is_read_strictly() {
@@ -112,4 +113,15 @@ fn a_take_off_that_its_pilot_asks_for_in_guided_is_not_ended_by_our_setpoints() 
     }
     let down_m = vehicle.motion.pose.position_ned_m[2];
     assert!(down_m < -4.5, "it is {} m up", -down_m);
+}
+#[test]
+fn a_parameter_of_the_landing_leaves_what_it_does_not_name_as_the_pad_makes_it() {
+    let mut guidance = Config { pad_ne_m: Some([8.3, 0.2]), ..config() }.guidance();
+    let before = guidance.landing.unwrap();
+    assert!(before.has_camera && !before.request_land);
+    let mut given = Given::default();
+    given.assign("FH_LND_REQ=1").unwrap();
+    given.apply(&mut guidance);
+    let after = guidance.landing.unwrap();
+    assert_eq!(after, foxhound_core::landing::Config { request_land: true, ..before });
 }
