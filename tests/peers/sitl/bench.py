@@ -83,6 +83,7 @@ class Bench:
         self.processes = {}
         self.companion_starts = 0
         self.has_taken_off = False
+        self.least_at = 0.0
         self.mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self.sensor = mavlink.MAVLink(None, srcSystem=1, srcComponent=mavlink.MAV_COMP_ID_OBSTACLE_AVOIDANCE)
         self.pilot = self.up = self.down = self.listener = None
@@ -366,7 +367,8 @@ class Bench:
         self.off_m = max(self.off_m or 0.0, off)
         if height > 1.5 and self.is_in_control() and not self.has_ended():
             clearance = lambda place: min(math.dist(place, post[:2]) - post[2] for post in self.posts) - HULL_M
-            self.clearance_m = min(self.clearance_m or 99.0, clearance(true))
+            if clearance(true) < (self.clearance_m or 99.0):
+                self.clearance_m, self.least_at = clearance(true), time.monotonic() - (self.in_control_since or time.monotonic())
             self.seen_clearance_m = min(self.seen_clearance_m or 99.0, clearance(seen))
 
     def true_place(self):
@@ -458,7 +460,7 @@ class Bench:
                 wrong = f"{self.count[name]} {name} setpoints or frames"
         least = self.seen_clearance_m if self.sees_file() else self.clearance_m
         if least is not None and least <= 0 and not wrong:
-            wrong = f"touched a post: {least:.2f} m"
+            wrong = f"touched a post: {least:.2f} m, {self.least_at:.1f} s after control was given"
         numbers = {"clearance_m": self.clearance_m, "seen_clearance_m": self.seen_clearance_m, "off_m": self.off_m}
         numbers |= {"longest_gap_s": self.longest_gap_s, "to_beacon_m": to_beacon}
         seconds = time.monotonic() - self.began
