@@ -83,7 +83,7 @@ pub(super) struct CompanionCommand {
     )]
     source: Option<[f64; 3]>,
     /// Centre of a red pad on the ground (0 down), north and east in the same frame: a simulated camera of 60 degrees sees it, and
-    /// Foxhound lands on it (FH_LND_MODE 2).
+    /// Foxhound lands on it.
     #[arg(long, value_name = "N,E", value_parser = pair, allow_hyphen_values = true, requires = "source")]
     pad: Option<[f64; 2]>,
     #[command(flatten)]
