@@ -19,8 +19,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink  # noqa: E402
 HOME = (47.397742, 8.545594)
 ALTITUDE = 488
 METRES_PER_RAD = 6371000
-# The posts that ArduPilot's simulated lidar sees (SIM_PS_RPLidar; SITL.cpp, measure_distance_at_angle_bf): every 10 m, from an origin
-# of its own, which is the first of these north and east of it; their radius, and ArduPilot's metres in a degree.
+# The posts that ArduPilot's simulated lidar sees (SIM_PS_RPLidar; SITL.cpp, measure_distance_at_angle_bf): every 10 m, one of them
+# so far north and east of an origin; their radius, and ArduPilot's metres in a degree.
 LIDAR_ORIGIN, LIDAR_FIRST_M, LIDAR_EVERY_M, LIDAR_POST_M = (51.8752066, 14.6487830), (3.0, 2.0), 10.0, 1.0
 LIDAR_METRES_PER_DEG = 111319.5
 PAD_M = 0.25
