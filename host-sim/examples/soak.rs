@@ -15,6 +15,9 @@ const BOTH: [Software; 2] = [Software::ArduCopter, Software::Px4];
 const PILLARS: [[f64; 3]; 6] =
     [[0.3, 6.0, 0.4], [-0.8, 10.0, 0.3], [0.9, 13.0, 0.5], [-0.2, 17.0, 0.3], [0.4, 21.0, 0.4], [-1.2, 24.0, 0.4]];
 
+const MUST_NOT: [&str; 6] =
+    ["collided", "missed", "not_recovered", "setpoints_off_grid", "setpoints_wrong", "telemetry_off"];
+
 fn main() -> ExitCode {
     let hours = std::env::args().nth(1).and_then(|hours| hours.parse().ok()).unwrap_or(24.0);
     match run(hours) {
@@ -40,7 +43,16 @@ fn run(hours: f64) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let laps =
         both(move |software| Ok(serde_json::to_value(fly_laps(&scenario, &config(software, 20_000), |_| ())?)?))?;
     table("The whole computer, every 20 ms", &laps);
-    Ok(())
+    let wrong: Vec<String> = [link, laps].iter().flatten().flat_map(wrong).collect();
+    if wrong.is_empty() { Ok(()) } else { Err(wrong.join(", ").into()) }
+}
+
+/// What must not happen, with its number.
+fn wrong(column: &Value) -> impl Iterator<Item = String> {
+    let has_happened = |value: &&Value| value.as_u64() != Some(0) && value.as_bool() != Some(false);
+    MUST_NOT
+        .into_iter()
+        .filter_map(move |name| column.get(name).filter(has_happened).map(|value| format!("{name} {value}")))
 }
 
 type Outcome = Result<Value, Box<dyn std::error::Error + Send + Sync>>;

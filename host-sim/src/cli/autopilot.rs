@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 use foxhound_link::dialect::{MavMessage, MavType};
 use foxhound_link::framer::Framer;
 use foxhound_sim::autopilot::transport::{Line, Listen};
-use foxhound_sim::autopilot::{Autopilot, Start, Wire};
+use foxhound_sim::autopilot::{Autopilot, Start, Wire, asks_for_entry};
 use foxhound_sim::drive::companion::Pace;
 use foxhound_sim::scenario::input::{InputError, MAX_TIME_S, check, check_within};
 use foxhound_sim::scenario::{self, Software, VehicleModel};
@@ -41,8 +41,6 @@ const A_MAX_MPS2: f64 = 2.0;
 const PILOT_PERIOD_US: u64 = 500_000;
 /// The pilot gives control so long after a companion is heard: by then it knows that it is not in control.
 const GIVES_AFTER_US: u64 = 2_000_000;
-/// In the text by which a companion that was started in its mode says what it waits for.
-const ENTER_AGAIN: &str = "enter it again";
 /// A companion that has been silent for so long is gone.
 const SILENT_US: u64 = 3_000_000;
 
@@ -136,7 +134,7 @@ impl Ended {
                         self.last_setpoint_mps = Some([target.vx, target.vy, target.vz]);
                     }
                     Some(MavMessage::STATUSTEXT(text)) => {
-                        noticed.asks_again |= text.text.to_str().is_ok_and(|text| text.contains(ENTER_AGAIN));
+                        noticed.asks_again |= asks_for_entry(&text);
                     }
                     _ => {}
                 }

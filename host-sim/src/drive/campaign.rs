@@ -32,7 +32,7 @@ pub use report::{Complaint, Report, Row};
 
 use super::qemu::{QemuComputer, QemuError};
 use super::trial::{Clocks, Trial};
-use crate::autopilot::Start;
+use crate::autopilot::{Start, TIMEOUTS_S};
 use crate::scenario::{Obstacle, Scenario, Sensor, SensorModel, Software};
 use crate::world::Horizontal;
 use crate::world::random::Random;
@@ -58,7 +58,7 @@ pub fn fly_with(elf: &Path, seed: u64, kinds: &[Kind]) -> Result<Report, QemuErr
     let setup = Setup { guidance: Trial::guidance(&scenario, seed), needs_entry: false };
     let twin = Twin::new(QemuComputer::start_quick(elf, &setup)?, setup);
     let mut trial = Trial::with(twin, &scenario, software, Start::Hovering, Clocks::default(), seed);
-    for (name, value) in [("GUID_TIMEOUT", 1.0), ("COM_OF_LOSS_T", 0.5)] {
+    for (name, value) in TIMEOUTS_S {
         trial.rig.autopilot.set_parameter(name, value);
     }
     let ends = [trial.rig.world.source, Horizontal::from_xy(scenario.start)];

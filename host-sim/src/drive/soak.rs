@@ -27,7 +27,7 @@ use serde::Serialize;
 
 use super::computer::BLOCK;
 use super::trial::{Clocks, Trial};
-use crate::autopilot::{Autopilot, Start, Wire};
+use crate::autopilot::{Autopilot, Start, TIMEOUTS_S, Wire};
 use crate::scenario::{self, Scenario, Software, VehicleModel};
 use crate::world::Pose;
 use crate::world::random::Random;
@@ -416,6 +416,8 @@ pub struct Laps {
     pub laps: u64,
     /// Number of times that it did not reach it within three minutes, and was continued by entering the mode again.
     pub missed: u64,
+    /// Number of times that the pilot was asked to leave the mode and enter it again, and did.
+    pub entered_again: u64,
     /// Faults, by kind.
     pub faults: [u64; LAP_KINDS],
     /// The last one.
@@ -436,14 +438,20 @@ pub struct Laps {
 /// The field of the configuration that is refused.
 pub fn fly_laps(scenario: &Scenario, config: &Config, mut watch: impl FnMut(f64)) -> Result<Laps, ConfigError> {
     let mut trial = Trial::new(scenario, config.software, Start::Hovering, config.clocks, config.seed)?;
+    for (name, value) in TIMEOUTS_S {
+        trial.rig.autopilot.set_parameter(name, value);
+    }
     let mut random = Random::new(config.seed, 0x1a95);
     let mut laps = Laps::default();
     let ends = [trial.rig.world.source, crate::world::Horizontal::from_xy(scenario.start)];
     let end_us = (config.hours * 3600.0) as u64 * SECOND_US;
     let mut stood_still = false;
+    // Says whether the pilot was asked to enter the mode again.
     let mut run = |trial: &mut Trial, laps: &mut Laps, seconds: f64| {
+        let mut is_asked = false;
         for _ in 0..(seconds * 50.0) as u32 {
             let step = trial.step();
+            is_asked |= step.asks_for_entry();
             // Setpoints that waited while the computer stood still are sent at once.
             let is_late = step.time_us % GRID_US >= crate::drive::trial::STEP_US && !stood_still;
             stood_still = step.output.is_none();
@@ -451,6 +459,7 @@ pub fn fly_laps(scenario: &Scenario, config: &Config, mut watch: impl FnMut(f64)
             let beats = step.sent.iter().filter(|(_, message)| matches!(message, MavMessage::HEARTBEAT(_)));
             laps.heartbeats += beats.count() as u64;
         }
+        is_asked
     };
     run(&mut trial, &mut laps, 2.0);
     while trial.time_us() < end_us && !trial.rig.collided {
@@ -485,7 +494,13 @@ pub fn fly_laps(scenario: &Scenario, config: &Config, mut watch: impl FnMut(f64)
         trial.give_control();
         let limit_us = trial.time_us() + 180 * SECOND_US;
         while trial.to_source_m() > 1.0 && trial.time_us() < limit_us && !trial.rig.collided {
-            run(&mut trial, &mut laps, 0.2);
+            if run(&mut trial, &mut laps, 0.2) {
+                laps.entered_again += 1;
+                let now_us = trial.autopilot_us();
+                trial.rig.autopilot.select_mode(now_us, mode);
+                run(&mut trial, &mut laps, 1.5);
+                trial.give_control();
+            }
         }
         laps.missed += u64::from(trial.to_source_m() > 1.0);
         laps.laps += u64::from(trial.to_source_m() <= 1.0);

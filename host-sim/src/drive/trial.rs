@@ -22,7 +22,7 @@ use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
 use super::computer::{BLOCK, Computer, HostComputer};
 use super::flight::Mission;
 use super::rig::{Answer, Rig, TICK_S, When};
-use crate::autopilot::{Autopilot, Start, Wire};
+use crate::autopilot::{Autopilot, Start, Wire, asks_for_entry};
 use crate::scenario::{self, FLIGHT_DOWN_M, Scenario, SensorModel, Software, VehicleModel};
 use crate::world::antennas::Antennas;
 use crate::world::random::Random;
@@ -68,6 +68,12 @@ impl Step {
             MavMessage::SET_POSITION_TARGET_LOCAL_NED(target) => Some(target),
             _ => None,
         })
+    }
+
+    /// Whether the pilot is asked to leave the mode and enter it again.
+    #[must_use]
+    pub fn asks_for_entry(&self) -> bool {
+        self.sent.iter().any(|(_, message)| matches!(message, MavMessage::STATUSTEXT(text) if asks_for_entry(text)))
     }
 
     /// Seconds since the beginning.
