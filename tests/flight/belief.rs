@@ -86,8 +86,8 @@ fn median(values: &[f64]) -> f64 {
 
 /// Asked for are normalised squared errors of 0.8 to 1.25 in the mean. In line of sight they are below 1.25, and below 2 where two
 /// of five bearings are from anywhere; below 0.8 where bearings are good: the filter allows for errors of the vehicle's own
-/// position, which these flights do not have. Among walls, where errors by other paths last for metres, they are far above: NOT
-/// reached.
+/// position, which these flights do not have. Among walls, where errors by other paths last for metres, their median is about one, but
+/// some are far larger and so is the mean: NOT reached.
 #[test]
 fn in_line_of_sight_the_belief_errs_as_much_as_it_says() {
     let good = json!({"sensor": {"model": "scan"}, "bearing": {"snr_db": 20}});
@@ -104,8 +104,8 @@ fn in_line_of_sight_the_belief_errs_as_much_as_it_says() {
         ("forest, 20 dB", forest, &good, 1.25, 0.2),
         ("forest, sigma 5 deg", forest, &poor, 1.25, 0.8),
         ("forest, two of five from anywhere", forest, &outliers, 2.0, 1.0),
-        ("corridor", "tests/scenarios/corridor.json", &as_it_is, f64::INFINITY, 2.0),
-        ("around the corner", "scenarios/around_the_corner.json", &as_it_is, f64::INFINITY, 2.0),
+        ("corridor", "tests/scenarios/corridor.json", &as_it_is, 12.0, 2.0),
+        ("around the corner", "scenarios/around_the_corner.json", &as_it_is, 75.0, 2.0),
     ];
     let mut broken = Vec::new();
     for (name, file, over, mean_max, error_max_m) in rows {
@@ -120,7 +120,7 @@ fn in_line_of_sight_the_belief_errs_as_much_as_it_says() {
             row.one_metre_s.len(),
             median(&row.one_metre_s)
         );
-        let holds = mean(&row.nees) <= mean_max && median(&row.errors_m) <= error_max_m;
+        let holds = mean(&row.nees) <= mean_max && median(&row.nees) <= 1.25 && median(&row.errors_m) <= error_max_m;
         broken.extend((!holds).then_some(name));
     }
     assert!(broken.is_empty(), "{broken:?}");

@@ -209,13 +209,14 @@ impl<const N: usize> Guidance<N> {
         }
         let (now, ownship) = (input.now, input.ownship.as_ref());
         let fix = landing::fresh(ownship, now).and_then(|ownship| self.approach(state, input, bearing, ownship));
+        let estimate = state.belief.direct();
         let facts = landing::Input {
             now,
             ownship,
             height_m: input.height_m,
             poses: &state.vehicle.poses,
             fix,
-            estimate: state.belief.direct(),
+            estimate: estimate.as_ref(),
             look: input.look,
             is_landed: input.is_landed,
             is_blocked: state.arrival.is_blocked,

@@ -144,8 +144,7 @@ impl Localizer {
         if let Some((bearing, pose)) = bearing.filter(|_| !self.is_reflected(state)) {
             near.hear(&mut state.near, bearing, &pose, height_m);
         }
-        if let Some(estimate) = state.answer.filter(|answer| answer.path == Path::Direct).map(|answer| answer.estimate)
-        {
+        if let Some(estimate) = state.direct() {
             near.suggest(&mut state.near, &estimate, pose, height_m);
         }
         near.fix(&state.near, now, pose.place_ned_m)
@@ -213,10 +212,10 @@ impl State {
         self.average.updated()
     }
 
-    /// The estimated position of a source that is received directly.
+    /// The estimated position of a source that is received directly, as uncertain as the innovations say.
     #[must_use]
-    pub fn direct(&self) -> Option<&Estimate> {
-        self.answer.as_ref().filter(|answer| answer.path == Path::Direct).map(|answer| &answer.estimate)
+    pub fn direct(&self) -> Option<Estimate> {
+        self.answer.filter(|answer| answer.path == Path::Direct).map(|answer| answer.estimate.scaled(answer.nis))
     }
 
     /// The direction of the origin of a reflected signal, from a place; `None` for a direct one.

@@ -329,7 +329,7 @@ impl Computer for HostComputer {
     }
 
     fn believed(&self) -> Option<Estimate> {
-        self.state.belief().direct().copied()
+        self.state.belief().direct()
     }
 
     fn followed(&self) -> Vec<Track> {

@@ -90,6 +90,20 @@ impl Estimate {
         let sigma_rad = sqrt(if across > 0.0 { across } else { 0.0 }) / squared;
         (sigma_rad < 1.0).then(|| (towards.bearing_rad(), sigma_rad))
     }
+
+    /// The same with as much more uncertainty as the innovations are larger than their own covariance, by their mean
+    /// normalised square; never with less (the scale factor of R. T. Birge, Phys. Rev. 40 (1932) 207).
+    #[must_use]
+    pub(super) fn scaled(&self, nis: f32) -> Self {
+        let variance = if nis > 1.0 { nis } else { 1.0 };
+        let sigma = sqrt(variance);
+        Self {
+            covariance_m2: self.covariance_m2.map(|entry| entry * variance),
+            bearing_sigma_rad: self.bearing_sigma_rad * sigma,
+            range_sigma_ratio: self.range_sigma_ratio * sigma,
+            ..*self
+        }
+    }
 }
 
 /// The result of a filter's update with a sighting.
@@ -111,4 +125,27 @@ pub enum Update {
     Refused,
     /// The vehicle is at the source, where its bearing is meaningless; the filter restarts with the next sighting.
     Overhead,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_estimate_is_as_much_less_certain_as_its_innovations_are_too_large() {
+        let estimate = Estimate {
+            covariance_m2: [1.0, 0.5, 2.0],
+            bearing_sigma_rad: 0.1,
+            range_m: 5.0,
+            range_sigma_ratio: 0.2,
+            ..Estimate::default()
+        };
+        let scaled = estimate.scaled(4.0);
+        assert_eq!(scaled.covariance_m2, [4.0, 2.0, 8.0]);
+        assert_eq!([scaled.bearing_sigma_rad, scaled.range_sigma_ratio, scaled.range_m], [0.2, 0.4, 5.0]);
+        // Small innovations, and what is none, make it no more certain.
+        for nis in [1.0, 0.2, 0.0, -1.0, f32::NAN] {
+            assert_eq!(estimate.scaled(nis), estimate);
+        }
+    }
 }
