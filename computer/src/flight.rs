@@ -44,9 +44,7 @@ pub trait ParameterStore {
     /// The stored parameters; `None` if there are none, or none that can be read.
     fn load(&mut self) -> Option<Values>;
     /// Erases everything stored, parameters and all else; false if that is not possible.
-    fn reset(&mut self) -> bool {
-        self.save(&Values::DEFAULT)
-    }
+    fn reset(&mut self) -> bool;
 }
 
 /// Without a storage nothing is stored.

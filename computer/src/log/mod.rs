@@ -437,6 +437,12 @@ impl<K: ParameterStore> ParameterStore for Logged<'_, '_, K> {
         self.log.write(Kind::Loaded, &values.as_ref().map(|values| values.as_array().as_slice()));
         values
     }
+
+    fn reset(&mut self) -> bool {
+        let is_reset = self.parameter_store.reset();
+        self.log.write(Kind::Saved, &is_reset);
+        is_reset
+    }
 }
 
 #[cfg(test)]

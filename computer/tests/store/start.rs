@@ -3,6 +3,8 @@
 use foxhound_computer::SAMPLES_PER_CHANNEL as N;
 use foxhound_computer::flight::{Flight, ParameterStore as _, Receiver, Step};
 use foxhound_computer::iq::Reports;
+use foxhound_computer::log::ring::Ring;
+use foxhound_computer::log::{self, Log};
 use foxhound_computer::selftest;
 use foxhound_computer::sensor::Sensor;
 use foxhound_computer::store::{Kept, Store};
@@ -94,7 +96,9 @@ impl<'a> Computer<'a> {
         let (mut flight, store) = self.parts();
         store.take_written();
         flight.hear(now, heard);
-        flight.serve(store);
+        let mut ring = Ring::<4096>::new();
+        let mut log = Log::resume(ring.ends().0, log::State::default());
+        flight.serve(&mut log.parameter_store(store));
         store.keep_up(now, flight.companion);
         let has_control = flight.companion.control(now) == Control::Granted;
         let step = Step { now, front_end: FrontEnd::Nothing, circles: None, look: None, answer: None };

@@ -411,4 +411,8 @@ impl ParameterStore for Answers {
     fn load(&mut self) -> Option<Values> {
         self.loaded.pop_front().flatten()
     }
+
+    fn reset(&mut self) -> bool {
+        self.saved.pop_front().unwrap_or(false)
+    }
 }

@@ -54,6 +54,10 @@ impl ParameterStore for Store {
     fn load(&mut self) -> Option<Values> {
         self.read().ok()
     }
+
+    fn reset(&mut self) -> bool {
+        self.save(&Values::DEFAULT)
+    }
 }
 
 #[cfg(test)]
