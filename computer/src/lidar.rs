@@ -9,7 +9,8 @@
 //! The angle grows clockwise, seen from above an upright lidar, from the arrow on its housing. A turn becomes a scan
 //! of 360 rays of a degree, with the nearest point in each. Each ray has its newest reading; a degree without a
 //! point, because a frame was lost or the lidar turns fast, is unknown, and so is a point of low confidence, or one
-//! nearer than [`Config::range_min_m`]. The time of a scan is the middle of its turn.
+//! nearer than [`Config::range_min_m`]. The time of a scan is the middle of its turn. When the line was silent for most of
+//! a turn, or the motor stood still, the scan begins anew.
 //!
 //! A distance of 0 means that nothing was reflected. In the open this is so in most directions, so it counts as free
 //! up to [`Config::range_max_m`]. Black or glass objects reflect nothing either: with [`Config::trusts_silence`] off
@@ -33,6 +34,10 @@ const TURN_CDEG: u32 = 36_000;
 /// Between the first and the last point of a frame: 12.5 deg at 13 Hz.
 const SPAN_MAX_CDEG: u32 = 2_000;
 const RAYS: u16 = RAYS_MAX as u16;
+/// A frame that comes later than this after the one before may be of another turn: a turn takes 77 ms at least.
+const GAP_MAX_US: u64 = 70_000;
+/// A turn that takes longer than this is no scan: a motor that stood still leaves old readings in it.
+const TURN_MAX_US: u64 = 250_000;
 /// Its range for bright surfaces.
 const REACH_M: f32 = 12.0;
 
@@ -90,6 +95,7 @@ impl Config {
             filled: 0,
             scan,
             last: None,
+            heard: None,
             began: None,
             is_new: false,
             counters,
@@ -123,8 +129,9 @@ pub struct Lidar {
     bytes: [u8; FRAME_BYTES],
     filled: usize,
     scan: Scan,
-    /// The last ray received.
+    /// The last ray received, and when the last frame was.
     last: Option<u16>,
+    heard: Option<Instant>,
     /// When this turn began; `None` before the first whole one.
     began: Option<Instant>,
     is_new: bool,
@@ -208,6 +215,11 @@ impl Lidar {
         if span_cdeg > SPAN_MAX_CDEG {
             return false;
         }
+        if self.heard.replace(now).is_some_and(|heard| now.micros_since(heard) > GAP_MAX_US) {
+            (self.last, self.began, self.is_new) = (None, None, false);
+            self.scan.rays.resize(0);
+            self.scan.rays.resize(RAYS_MAX);
+        }
         for point in 0..POINTS {
             let at = 6 + 3 * point;
             let along_cdeg = span_cdeg * point as u32 / (POINTS as u32 - 1);
@@ -257,6 +269,7 @@ impl Lidar {
         rays.set(at, seen);
         if last + on >= RAYS
             && let Some(began) = self.began.replace(now)
+            && now.micros_since(began) <= TURN_MAX_US
         {
             self.scan.time = began.plus_micros(now.micros_since(began) / 2);
             self.is_new = true;

@@ -173,6 +173,44 @@ fn a_frame_that_is_lost_leaves_unknown_rays_and_no_old_ones() {
 }
 
 #[test]
+fn after_a_silence_or_a_stop_of_the_motor_no_scan_has_readings_from_before() {
+    // Before, everything is 2 m away, and 3 m after; it goes on at any angle, even where it ended.
+    let has_old = |scan: &Scan| scan.rays.iter().any(|sector| sector == Sector::Hit(2.0));
+    for pause_us in [75_000, 150_000, 400_000, 3_000_000] {
+        for on_cdeg in [0, 4_000, 16_000, 26_000, 35_000] {
+            for stands in [false, true] {
+                let mut lidar = lidar();
+                let (mut end, mut end_cdeg) = (Instant(0), 0);
+                for (time, bytes) in turns(0, 780, 80, |_| (2000, 200)) {
+                    lidar.push(time, &bytes);
+                    lidar.take();
+                    (end, end_cdeg) = (time, end_cdeg + 960);
+                }
+                // A motor that stands still sends one angle over and over.
+                for at_us in (0..if stands { pause_us } else { 0 }).step_by(2_667) {
+                    lidar.push(end.plus_micros(at_us), &frame(end_cdeg, 0, |_| (2000, 200)));
+                    lidar.take();
+                }
+                let from_cdeg = if stands { end_cdeg } else { on_cdeg };
+                let mut scans = 0;
+                for (time, bytes) in turns(from_cdeg, 2250, 80, |_| (3000, 200)) {
+                    let since_us = time.0 - u64::from(from_cdeg) * 100_000 / 36_000;
+                    lidar.push(end.plus_micros(pause_us + since_us), &bytes);
+                    if let Some(scan) = lidar.scan() {
+                        // Of a motor that stood only as long as a slow turn takes, the first one is a slow turn.
+                        let is_slow = stands && pause_us < 160_000 && scans == 0;
+                        assert!(is_slow || !has_old(scan), "{pause_us} {on_cdeg} {stands} {scans}");
+                        scans += 1;
+                    }
+                    lidar.take();
+                }
+                assert!(scans >= 3, "{pause_us} {on_cdeg} {stands}: {scans} of 5 turns");
+            }
+        }
+    }
+}
+
+#[test]
 fn every_whole_frame_is_found_in_whatever_lies_between_and_nothing_else() {
     let mut rng = Rng::new(5, 5);
     for _ in 0..200 {
