@@ -8,7 +8,7 @@ use foxhound_core::base::time::Instant;
 use crate::clock::is_over;
 use crate::dialect::{
     BATTERY_STATUS_DATA, EKF_STATUS_REPORT_DATA, ESTIMATOR_STATUS_DATA, EkfStatusFlags, EstimatorStatusFlags,
-    FENCE_STATUS_DATA, MavBatteryChargeState, RC_CHANNELS_DATA, SYS_STATUS_DATA,
+    FENCE_STATUS_DATA, MavBatteryChargeState, MavSysStatusSensor, RC_CHANNELS_DATA, SYS_STATUS_DATA,
 };
 
 /// Batteries that are distinguished; those with higher numbers count as the last one.
@@ -37,6 +37,8 @@ pub(crate) struct Health {
     estimator_is_bad: bool,
     fence_is_breached: bool,
     switch: Option<(Instant, bool)>,
+    had_receiver: bool,
+    receiver_is_lost: bool,
 }
 
 impl Health {
@@ -47,6 +49,8 @@ impl Health {
             estimator_is_bad: false,
             fence_is_breached: false,
             switch: None,
+            had_receiver: false,
+            receiver_is_lost: false,
         }
     }
 
@@ -70,7 +74,17 @@ impl Health {
     }
 
     pub(crate) fn on_sys_status(&mut self, status: &SYS_STATUS_DATA) {
+        use MavSysStatusSensor as Part;
+        let (present, healthy) = (status.onboard_control_sensors_present, status.onboard_control_sensors_health);
+        let has = |parts: u32, part: Part| parts & part as u32 != 0;
         self.remaining_percent[1] = percent(status.battery_remaining);
+        // ArduPilot repeats the last pulses of a transmitter that is gone, and sends no FENCE_STATUS any more when the
+        // fence is switched off.
+        // PX4 may repeat them too, and says of a receiver that is lost that there is none.
+        let receiver = Part::MAV_SYS_STATUS_SENSOR_RC_RECEIVER;
+        self.had_receiver |= has(present, receiver);
+        self.receiver_is_lost = self.had_receiver && !(has(present, receiver) && has(healthy, receiver));
+        self.fence_is_breached &= !has(healthy, Part::MAV_SYS_STATUS_GEOFENCE);
     }
 
     pub(crate) fn on_ekf(&mut self, report: &EKF_STATUS_REPORT_DATA) {
@@ -142,14 +156,14 @@ impl Health {
         self.estimator_is_bad
     }
 
-    /// Whether the fence was breached in the last report.
+    /// Whether the fence was breached in the last report. Silence does not clear it.
     pub(crate) fn is_fence_breached(&self) -> bool {
         self.fence_is_breached
     }
 
-    /// Whether the pilot's switch is on.
+    /// Whether the pilot's switch is on, and his transmitter heard.
     pub(crate) fn is_switched_on(&self, now: Instant) -> bool {
-        self.switch.is_some_and(|(at, on)| on && !is_over(now, at, SWITCH_AGE_MAX_S))
+        !self.receiver_is_lost && self.switch.is_some_and(|(at, on)| on && !is_over(now, at, SWITCH_AGE_MAX_S))
     }
 
     /// Handles a clock that ran backwards: nothing is younger than now.

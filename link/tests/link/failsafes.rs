@@ -220,6 +220,19 @@ fn on_ground_and_in_a_take_off_nothing_disturbs_ardupilot_and_px4_gets_zeros() {
     }
 }
 
+const RC_RECEIVER: u32 = 1 << 16;
+const GEOFENCE: u32 = 1 << 20;
+
+/// The parts of the autopilot that there are, and those that are well.
+fn parts(present: u32, healthy: u32) -> MavMessage {
+    MavMessage::SYS_STATUS(SYS_STATUS_DATA {
+        onboard_control_sensors_present: present,
+        onboard_control_sensors_health: healthy,
+        battery_remaining: -1,
+        ..SYS_STATUS_DATA::DEFAULT
+    })
+}
+
 #[test]
 fn switched_off_the_pilots_switch_stops_and_starts_and_its_silence_stops() {
     let channels = |chan7_raw, chancount| {
@@ -243,6 +256,22 @@ fn switched_off_the_pilots_switch_stops_and_starts_and_its_silence_stops() {
         for (pulse, count) in [(0, 8), (u16::MAX, 8), (700, 8), (1900, 6)] {
             flight.bench.say(&channels(pulse, count));
             assert_eq!(flight.cause(), Cause::SwitchedOff, "no signal is not on: {pulse} of {count}");
+        }
+        // ArduPilot repeats the last pulses when the transmitter is gone, and says only here that it is.
+        // PX4 says then that there is no receiver. One that never had any may still report channels.
+        flight.bench.say(&channels(1900, 8));
+        flight.bench.say(&parts(0, 0));
+        assert_eq!(flight.cause(), Cause::None);
+        let (well, none) = ((RC_RECEIVER, RC_RECEIVER), (0, 0));
+        for ((present, healthy), cause) in [
+            (well, Cause::None),
+            ((RC_RECEIVER, 0), Cause::SwitchedOff),
+            (well, Cause::None),
+            (none, Cause::SwitchedOff),
+        ] {
+            flight.bench.say(&parts(present, healthy));
+            flight.bench.say(&channels(1900, 8));
+            assert_eq!(flight.cause(), cause);
         }
     }
 }
@@ -325,6 +354,12 @@ fn fence_breached_holds_while_the_autopilot_says_so() {
         flight.bench.say(&fence(1));
         flight.assert_zero(Cause::FenceBreached);
         flight.bench.say(&fence(0));
+        flight.assert_flies();
+        // ArduPilot says no more of a fence that is switched off, but counts it as well.
+        flight.bench.say(&fence(1));
+        flight.bench.say(&parts(GEOFENCE, 0));
+        flight.assert_zero(Cause::FenceBreached);
+        flight.bench.say(&parts(GEOFENCE, GEOFENCE));
         flight.assert_flies();
     }
 }
