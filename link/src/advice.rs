@@ -46,8 +46,8 @@ impl Hole {
 
 /// `GUID_TIMEOUT` and `COM_OF_LOSS_T`: how long the vehicle flies on when we stop sending. `WPNAV_SPEED`, cm/s, and
 /// `MPC_XY_VEL_MAX` bound the velocity that it follows, `WPNAV_ACCEL`, cm/s/s, how soon it stops; its stops were measured
-/// with the default of 250.
-const ARDUPILOT: [Row; 4] = [
+/// with the default of 250. Since ArduCopter 4.7 these are `WP_SPD` and `WP_ACC`, in metres.
+const ARDUPILOT: [Row; 6] = [
     Row { name: "GUID_TIMEOUT", hole: Hole::Above(1.5), text: "Foxhound: GUID_TIMEOUT is long, set 1" },
     Row { name: "FS_GCS_ENABLE", hole: Hole::Zero, text: "Foxhound: FS_GCS_ENABLE is off" },
     Row {
@@ -56,6 +56,8 @@ const ARDUPILOT: [Row; 4] = [
         text: "Foxhound: WPNAV_SPEED is below FH_SPD_MAX",
     },
     Row { name: "WPNAV_ACCEL", hole: Hole::Below(250.0), text: "Foxhound: stops late: WPNAV_ACCEL, set 250" },
+    Row { name: "WP_SPD", hole: Hole::Under(param::FH_SPD_MAX, 1.0), text: "Foxhound: WP_SPD is below FH_SPD_MAX" },
+    Row { name: "WP_ACC", hole: Hole::Below(2.5), text: "Foxhound: stops late: WP_ACC, set 2.5" },
 ];
 const PX4: [Row; 3] = [
     Row { name: "COM_OF_LOSS_T", hole: Hole::Above(1.5), text: "Foxhound: COM_OF_LOSS_T is long, set 1" },
@@ -196,8 +198,9 @@ mod tests {
             (250.0, 250.0, &fast, [true, false]),
             (1000.0, 100.0, &Values::DEFAULT, [false, true]),
         ] {
-            let told = told(Software::ArduPilot, &[1.0, 1.0, speed_cmps, accel_cmps2], ours);
-            assert_eq!(told[2..], expected, "{speed_cmps} {accel_cmps2}");
+            let (speed_mps, accel_mps2) = (speed_cmps / 100.0, accel_cmps2 / 100.0);
+            let told = told(Software::ArduPilot, &[1.0, 1.0, speed_cmps, accel_cmps2, speed_mps, accel_mps2], ours);
+            assert_eq!([&told[2..4], &told[4..]], [expected; 2], "{speed_cmps} {accel_cmps2}");
         }
         for (speed_mps, ours, expected) in
             [(12.0, &Values::DEFAULT, false), (0.5, &Values::DEFAULT, true), (2.0, &fast, true)]

@@ -35,8 +35,8 @@ pub(crate) fn message(
         } else {
             PI
         };
-        // To its boundary. A cast from float to integer saturates.
-        let distance_cm = ((range_m - circle.radius_m) * 100.0) as u16;
+        // To its boundary. A cast from float to integer saturates. ArduPilot ignores a distance of 0.
+        let distance_cm = (((range_m - circle.radius_m) * 100.0) as u16).max(1);
         if distance_cm > RANGE_CM {
             continue;
         }
@@ -89,6 +89,6 @@ mod tests {
     #[test]
     fn who_stands_in_a_circle_is_touched_all_round() {
         let message = message(3, &Ownship::default(), &mut [circle(0.1, 0.0, 1.0)].into_iter());
-        assert!(message.distances.iter().all(|cm| *cm == 0));
+        assert!(message.distances.iter().all(|cm| *cm == 1));
     }
 }

@@ -346,6 +346,10 @@ impl Params {
         } else if param1 == 1.0 {
             Storage::Save
         } else if param1 == 2.0 {
+            // Some stations send it to all components to reset the autopilot: that must not erase keys.
+            if station.is_none() {
+                return;
+            }
             Storage::Reset
         } else {
             return self.answer(MavResult::MAV_RESULT_DENIED, station);

@@ -359,6 +359,8 @@ fn the_storage_is_the_applications_and_the_station_hears_what_became_of_it() {
     assert_eq!(link.params.take_storage(), Some(Storage::Save));
     link.params.stored(true);
     assert!(link.replies(200).is_empty());
+    assert_eq!(link.store(2.0, 0), [0_u8; 0]);
+    assert_eq!(link.params.take_storage(), None, "a station that resets its autopilot must not erase our key");
     for action in [-1.0, 3.0, 4.0, 0.5, f32::NAN] {
         assert_eq!(link.store(action, US.1), [MavResult::MAV_RESULT_DENIED as u8], "{action}");
         assert_eq!(link.params.take_storage(), None);
