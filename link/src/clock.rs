@@ -44,13 +44,21 @@ pub(crate) struct PeerClock {
     asked: Option<Instant>,
     /// Round trip of the last answered request.
     round_trip_us: Option<u64>,
-    /// The last message's stamp.
-    stamped_ms: Option<u32>,
+    /// The stamp of the last message of each kind.
+    stamped_ms: [Option<u32>; 3],
+}
+
+/// The kinds of messages whose age matters.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Stamped {
+    Position,
+    Angles,
+    Quaternion,
 }
 
 impl PeerClock {
     pub(crate) const fn new() -> Self {
-        Self { low: None, high: None, asked: None, round_trip_us: None, stamped_ms: None }
+        Self { low: None, high: None, asked: None, round_trip_us: None, stamped_ms: [None; 3] }
     }
 
     /// A request is sent; returns its `ts1`, in nanoseconds as the protocol wants it.
@@ -69,12 +77,14 @@ impl PeerClock {
         self.bound_low(now, theirs_us.saturating_sub(micros(now)));
     }
 
-    /// A message stamped with the autopilot's time since boot came; returns when it was made.
-    pub(crate) fn made(&mut self, now: Instant, time_boot_ms: u32) -> Instant {
+    /// A message stamped with the autopilot's time since boot came; returns when it was made. Messages of different
+    /// kinds often have the same stamp.
+    pub(crate) fn made(&mut self, now: Instant, kind: Stamped, time_boot_ms: u32) -> Instant {
         let stamped_us = i64::from(time_boot_ms) * 1_000;
         self.bound_low(now, stamped_us.saturating_sub(micros(now)));
         // Stamps that stand still are no clock.
-        let is_running = self.stamped_ms.replace(time_boot_ms) != Some(time_boot_ms);
+        let last_ms = &mut self.stamped_ms[kind as usize];
+        let is_running = last_ms.replace(time_boot_ms) != Some(time_boot_ms);
         let Some(offset_us) = self.offset_us(now).filter(|_| is_running) else { return now };
         let age_us = micros(now).saturating_add(offset_us).saturating_sub(stamped_us);
         if age_us > ABSURD_US {
@@ -145,6 +155,7 @@ pub(crate) fn nanos(instant: Instant) -> i64 {
 
 #[cfg(test)]
 mod tests {
+    use super::Stamped::{Angles, Position};
     use super::*;
 
     /// The autopilot booted 7 s before us; a message takes `there_us` one way and `back_us` the other.
@@ -157,15 +168,15 @@ mod tests {
     #[test]
     fn the_moment_a_message_was_made_is_known_to_half_the_interval() {
         let mut clock = PeerClock::new();
-        assert_eq!(clock.made(Instant(1_000_000), 7_995), Instant(1_000_000), "nothing is known yet");
+        assert_eq!(clock.made(Instant(1_000_000), Position, 7_995), Instant(1_000_000), "nothing is known yet");
         exchange(&mut clock, 1_100_000, 3_000, 5_000);
-        let made = clock.made(Instant(1_220_000), 8_200);
+        let made = clock.made(Instant(1_220_000), Position, 8_200);
         assert!(made.0.abs_diff(1_200_000) <= 5_000, "{made:?}");
         assert_eq!(clock.round_trip_us(), Some(8_000));
         // A faster exchange narrows it, a slower one says nothing new.
         exchange(&mut clock, 1_300_000, 500, 700);
         exchange(&mut clock, 1_400_000, 9_000, 40_000);
-        let made = clock.made(Instant(1_520_000), 8_500);
+        let made = clock.made(Instant(1_520_000), Position, 8_500);
         assert!(made.0.abs_diff(1_500_000) <= 700, "{made:?}");
     }
 
@@ -175,9 +186,10 @@ mod tests {
         exchange(&mut clock, 11_000_000, 500, 500);
         for late_us in [500_000, 2_000_000, 5_000_000] {
             let stamp_ms = ((12_000_000 - late_us + 7_000_000) / 1_000) as u32;
-            let made = clock.made(Instant(12_000_000), stamp_ms);
+            let made = clock.made(Instant(12_000_000), Position, stamp_ms);
             assert!(made.0.abs_diff(12_000_000 - late_us) <= 1_000, "{made:?}");
-            assert_eq!(clock.made(Instant(12_000_000), stamp_ms), Instant(12_000_000));
+            assert_eq!(clock.made(Instant(12_000_000), Angles, stamp_ms), made, "another message with the same stamp");
+            assert_eq!(clock.made(Instant(12_000_000), Position, stamp_ms), Instant(12_000_000));
         }
     }
 
@@ -185,21 +197,21 @@ mod tests {
     fn slow_exchanges_alone_are_not_believed() {
         let mut clock = PeerClock::new();
         exchange(&mut clock, 1_000_000, 10_000, 10_000);
-        assert_eq!(clock.made(Instant(2_000_000), 8_970), Instant(2_000_000));
+        assert_eq!(clock.made(Instant(2_000_000), Position, 8_970), Instant(2_000_000));
     }
 
     #[test]
     fn bounds_grow_with_the_drift_and_are_given_up_when_they_contradict() {
         let mut clock = PeerClock::new();
         exchange(&mut clock, 1_000_000, 1_000, 1_000);
-        assert_ne!(clock.made(Instant(2_000_000), 8_990), Instant(2_000_000));
+        assert_ne!(clock.made(Instant(2_000_000), Position, 8_990), Instant(2_000_000));
         // 100 seconds later each bound may be off by 10 ms.
-        assert_eq!(clock.made(Instant(102_000_000), 108_950), Instant(102_000_000));
+        assert_eq!(clock.made(Instant(102_000_000), Position, 108_950), Instant(102_000_000));
         // The autopilot's clock starts over.
         exchange(&mut clock, 103_000_000, 1_000, 1_000);
         let ts1 = clock.ask(Instant(104_000_000));
         clock.answered(Instant(104_002_000), ts1, 501_000_000);
-        let made = clock.made(Instant(104_020_000), 510);
+        let made = clock.made(Instant(104_020_000), Position, 510);
         assert!(made.0.abs_diff(104_010_000) <= 1_000, "{made:?}");
     }
 
@@ -212,6 +224,6 @@ mod tests {
         assert_eq!(clock.round_trip_us(), None);
         clock.answered(Instant(1_001_000), ts1, i64::MIN);
         clock.answered(Instant(1_002_000), ts1, i64::MAX);
-        assert_eq!(clock.made(Instant(2_000_000), u32::MAX), Instant(2_000_000));
+        assert_eq!(clock.made(Instant(2_000_000), Position, u32::MAX), Instant(2_000_000));
     }
 }

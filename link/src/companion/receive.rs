@@ -11,7 +11,7 @@ use crate::MessageData;
 use crate::advice::Advice;
 use crate::autopilot::{Attitude, Autopilot, Position, Software};
 use crate::beams::Beams;
-use crate::clock::{PeerClock, is_over, nanos};
+use crate::clock::{PeerClock, Stamped, is_over, nanos};
 use crate::continuity::{Continuity, Displacement, Turn};
 use crate::dialect::{
     self as d, COMMAND_ACK_DATA, HEARTBEAT_DATA, MavCmd, MavFrame, MavLandedState, MavResult, OBSTACLE_DISTANCE_DATA,
@@ -60,9 +60,10 @@ impl Companion {
                 return;
             }
         }
-        // Any component of our system may see obstacles.
-        // An autopilot to which we report obstacles may report them back to us.
-        let is_aboard = header.system_id == us.0 && !(is_autopilot && self.config.surroundings);
+        // Any component of our system may see obstacles. An autopilot to which we report obstacles may report them
+        // back to us, but not the distance to the ground.
+        let is_aboard = header.system_id == us.0;
+        let sees_obstacles = is_aboard && !(is_autopilot && self.config.surroundings);
         match content.message_id() {
             d::HEARTBEAT_DATA::ID => self.on_heartbeat(header, content),
             d::SETUP_SIGNING_DATA::ID => self.on_key(content),
@@ -77,14 +78,14 @@ impl Companion {
                 self.on_command(header, target, command.command, [command.param1, command.param2]);
             }
             d::TIMESYNC_DATA::ID => self.on_timesync(header, content),
-            d::OBSTACLE_DISTANCE_DATA::ID if is_aboard => {
+            d::OBSTACLE_DISTANCE_DATA::ID if sees_obstacles => {
                 self.on_obstacles(header, content);
             }
-            d::OBSTACLE_DISTANCE_3D_DATA::ID if is_aboard => {
+            d::OBSTACLE_DISTANCE_3D_DATA::ID if sees_obstacles => {
                 self.note_source(header, content, 0);
                 self.on_point(obstacles::point(&content.read()), 0.0);
             }
-            d::DISTANCE_SENSOR_DATA::ID if is_aboard => self.on_beam(header, content),
+            d::DISTANCE_SENSOR_DATA::ID if is_aboard => self.on_beam(header, content, sees_obstacles),
             _ if is_autopilot => self.on_telemetry(content),
             _ => {}
         }
@@ -258,7 +259,7 @@ impl Companion {
     #[inline(never)]
     fn on_position(&mut self, content: &Content) {
         let message: d::LOCAL_POSITION_NED_DATA = content.read();
-        let made = self.made(message.time_boot_ms);
+        let made = self.made(Stamped::Position, message.time_boot_ms);
         let Some(position) = Position::from_message(made, &message) else { return count(&mut self.counters.rejected) };
         if let Some(last) = &self.position {
             let dt_s = seconds_between((last.time_boot_ms, last.time), (position.time_boot_ms, position.time));
@@ -285,14 +286,14 @@ impl Companion {
     #[inline(never)]
     fn on_angles(&mut self, content: &Content) {
         let message: d::ATTITUDE_DATA = content.read();
-        let made = self.made(message.time_boot_ms);
+        let made = self.made(Stamped::Angles, message.time_boot_ms);
         self.on_attitude(Attitude::from_angles(made, &message));
     }
 
     #[inline(never)]
     fn on_quaternion(&mut self, content: &Content) {
         let message: d::ATTITUDE_QUATERNION_DATA = content.read();
-        let made = self.made(message.time_boot_ms);
+        let made = self.made(Stamped::Quaternion, message.time_boot_ms);
         self.on_attitude(Attitude::from_quaternion(made, &message));
     }
 
@@ -337,10 +338,10 @@ impl Companion {
 
     /// When a message of the autopilot was made, by its clock, which is checked first.
     #[inline(never)]
-    fn made(&mut self, time_boot_ms: u32) -> Instant {
+    fn made(&mut self, kind: Stamped, time_boot_ms: u32) -> Instant {
         let now = self.now;
         self.follow_boot_clock(time_boot_ms);
-        self.clock.made(now, time_boot_ms)
+        self.clock.made(now, kind, time_boot_ms)
     }
 
     /// The autopilot's clock running backwards means that it restarted: nothing that it sent before counts. Its frame
@@ -439,13 +440,13 @@ impl Companion {
 
     /// A beam: the distance to the ground, a sector of a sensor that covers all directions, or a single beam.
     #[inline(never)]
-    fn on_beam(&mut self, header: Header, content: &Content) {
+    fn on_beam(&mut self, header: Header, content: &Content, sees_obstacles: bool) {
         let beam: d::DISTANCE_SENSOR_DATA = content.read();
         if beam.orientation == obstacles::DOWN {
             self.ground = obstacles::ground_m(&beam).map(|ground_m| (self.now, ground_m)).or(self.ground);
             return;
         }
-        if !obstacles::is_level(&beam) {
+        if !sees_obstacles || !obstacles::is_level(&beam) {
             return;
         }
         self.note_source(header, content, beam.id);

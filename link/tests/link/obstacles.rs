@@ -228,5 +228,9 @@ fn who_tells_the_autopilot_of_obstacles_does_not_hear_them_back() {
         assert_eq!(bench.take_points().is_some(), !surroundings, "the autopilot's");
         bench.say_as((1, 158), &beam(0, 200));
         assert!(bench.take_points().is_some(), "another's");
+        // The ground is no obstacle that we could have reported.
+        bench.say(&attitude(1, 0.0));
+        bench.say(&beam(25, 200));
+        assert!(bench.companion.height_m(bench.now()).is_some());
     }
 }
