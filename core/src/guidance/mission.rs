@@ -4,7 +4,8 @@
 //! is zero velocity within the acceleration limit, with the altitude kept (except for `StaleOwnship`, whose altitude is
 //! not known) and the setpoint stream continued; except for `StaleOwnship`, `StaleObstacles` and `Fault` the vehicle also
 //! gives way to moving obstacles ([`crate::control::evade`]). "None" leaves the stream to the link, which sends no motion outside of the mode and
-//! sends nothing when the autopilot is silent.
+//! sends nothing when the autopilot is silent. With `StaleOwnship` the vehicle brakes, and keeps clear of nothing: it does
+//! not know where it is.
 //!
 //! | outcome | condition | behaviour |
 //! |---|---|---|
@@ -16,7 +17,7 @@
 //! | `Uncalibrated` | no usable bearing for 1 s, the last one unusable for lack of a calibration | hold |
 //! | `Ambiguous` | the same, the last one because its direction was ambiguous | hold |
 //! | `NoSignal` | the same, for any other reason | hold; if `guidance::Config::explore` is set, search, then hold |
-//! | `GoalUnreachable` | no path for 15 s (time on a path is subtracted), or no progress beyond 1 m in 20 s; while a plan is late neither time runs | hold until the mode is entered again |
+//! | `GoalUnreachable` | no path for 15 s (time on a path is subtracted), or no progress beyond 1 m in 20 s; while a plan is late, or the vehicle holds for one of the reasons above, neither time runs | hold until the mode is entered again |
 //! | `Fault` | a stage reported an impossible value (a demand that is not finite) | hold |
 //! | `NoPath` | the planner answered with a brake plan | hold, request again every 0.5 s |
 //! | `PlanLate` | the plan has run out, or there is none, or it brakes or is braked, and the next one did not arrive in time | hold, request again at once |
@@ -233,7 +234,7 @@ impl State {
         self.no_path_since = since.filter(|since| *since < now);
     }
 
-    /// The planner's delay says nothing about the goal: neither clock counts it.
+    /// The planner's delay, or a hold for something that is missing, says nothing about the goal: neither clock counts it.
     fn wait(&mut self, micros: u64) {
         if let Some(since) = &mut self.no_path_since {
             *since = since.plus_micros(micros);
@@ -270,8 +271,6 @@ pub struct Mission {
 impl Mission {
     /// Before the chain: whether the plan may be followed at all. [`Outcome::Nominal`] if so.
     pub fn admit(&self, state: &mut State, input: &Input) -> Outcome {
-        let c = &self.config;
-        let old = |heard, limit_s| is_old(input.now, heard, limit_s);
         match input.control {
             Control::Granted => {}
             withheld => {
@@ -280,29 +279,36 @@ impl Mission {
             }
         }
         let step_us = input.now.micros_since(core::mem::replace(&mut state.looked, input.now));
-        if input.is_plan_late {
+        let missing = self.missing(input);
+        if input.is_plan_late || missing.is_some() {
             state.wait(step_us);
         }
-        if self.stale(input).is_some() {
-            return Outcome::StaleOwnship;
-        }
-        if c.obstacles_required && old(input.obstacles, c.obstacles_age_max_s) {
-            return Outcome::StaleObstacles;
-        }
-        if old(input.bearing, c.bearing_age_max_s) {
-            return if input.bearing_flags.contains(Flags::UNCALIBRATED) {
-                Outcome::Uncalibrated
-            } else if input.bearing_flags.contains(Flags::AMBIGUOUS) {
-                Outcome::Ambiguous
-            } else {
-                Outcome::NoSignal
-            };
+        if let Some(missing) = missing {
+            return missing;
         }
         if input.is_arriving {
             *state = State::default();
             return Outcome::Nominal;
         }
         if self.gives_up(state, input) { Outcome::GoalUnreachable } else { Outcome::Nominal }
+    }
+
+    /// The first input that is missing, for which the vehicle holds.
+    fn missing(&self, input: &Input) -> Option<Outcome> {
+        let c = &self.config;
+        if self.stale(input).is_some() {
+            Some(Outcome::StaleOwnship)
+        } else if c.obstacles_required && is_old(input.now, input.obstacles, c.obstacles_age_max_s) {
+            Some(Outcome::StaleObstacles)
+        } else if !is_old(input.now, input.bearing, c.bearing_age_max_s) {
+            None
+        } else if input.bearing_flags.contains(Flags::UNCALIBRATED) {
+            Some(Outcome::Uncalibrated)
+        } else if input.bearing_flags.contains(Flags::AMBIGUOUS) {
+            Some(Outcome::Ambiguous)
+        } else {
+            Some(Outcome::NoSignal)
+        }
     }
 
     /// Why ownship is unusable, if it is: the first reason that applies.
@@ -490,6 +496,38 @@ mod tests {
         assert_eq!(mission.admit(&mut state, &later(17)), Outcome::GoalUnreachable, "not by itself");
         mission.admit(&mut state, &Input { control: Control::NotInControl, ..later(18) });
         assert_eq!(mission.admit(&mut state, &later(19)), Outcome::Nominal);
+    }
+
+    #[test]
+    fn the_time_of_a_hold_for_something_missing_counts_neither_as_no_path_nor_as_no_progress() {
+        let mission = Config::default().build().unwrap();
+        for progress in [Progress::NoPath, Progress::Following] {
+            let mut state = State::default();
+            let outcome = |state: &mut State, step: u64, has_signal: bool, has_obstacles: bool| {
+                let now = Instant(NOW.0 + step * 20_000);
+                let at = Some(now);
+                let bearing = if has_signal { at } else { None };
+                let obstacles = if has_obstacles { at } else { None };
+                let outcome =
+                    mission.admit(state, &Input { now, position: at, attitude: at, obstacles, bearing, ..fresh() });
+                if outcome == Outcome::Nominal {
+                    mission.conclude(state, now, progress);
+                }
+                outcome
+            };
+            for step in 0..250 {
+                assert_eq!(outcome(&mut state, step, true, true), Outcome::Nominal);
+            }
+            for step in 250..5_000 {
+                assert_eq!(outcome(&mut state, step, false, true), Outcome::NoSignal);
+            }
+            for step in 5_000..10_000 {
+                assert_eq!(outcome(&mut state, step, true, false), Outcome::StaleObstacles);
+            }
+            for step in 10_000..10_450 {
+                assert_eq!(outcome(&mut state, step, true, true), Outcome::Nominal, "{progress:?} {step}");
+            }
+        }
     }
 
     #[test]
