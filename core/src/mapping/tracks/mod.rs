@@ -325,6 +325,10 @@ impl Tracker {
     /// Predicts all tracks to a time.
     #[inline(never)]
     pub fn advance(&self, tracks: &mut Tracks, now: Instant) {
+        if tracks.time.is_some_and(|time| now < time) {
+            // The clock was set back: nothing is known about when they were seen.
+            tracks.clear();
+        }
         let dt_s = tracks.time.map_or(0.0, |time| now.seconds_since(time));
         tracks.time = Some(now);
         if !(0.0..=2.0).contains(&dt_s) {

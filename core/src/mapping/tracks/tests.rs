@@ -109,6 +109,20 @@ fn a_person_is_followed_with_the_velocity_that_he_has_by_rays_and_by_wide_sector
 }
 
 #[test]
+fn after_the_clock_was_set_back_people_are_followed_again() {
+    let mut watch = Watch::with_rays(360.0, 360);
+    watch.now_s = 100.0;
+    for set_back_s in [0.0, 50.0] {
+        watch.now_s -= set_back_s;
+        for look in 0..20 {
+            let person = horizontal(2.5, -1.0 + 0.14 * look as f32);
+            watch.look(&Pose::default(), &[(person, RADIUS_M)]);
+        }
+        assert_eq!(watch.moving().len(), 1, "{set_back_s}");
+    }
+}
+
+#[test]
 fn two_people_abreast_are_two() {
     for (fov_deg, rays) in [(90.0, 72), (360.0, 72), (360.0, 360)] {
         let mut watch = Watch::with_rays(fov_deg, rays);
