@@ -15,6 +15,9 @@ use crate::signal::phase::Phasors;
 
 /// The pose at the time of a measurement is known from positions and attitudes no farther away in time than this.
 const POSE_AGE_MAX_S: f32 = 0.3;
+/// Of that, the velocity carries the position so far back and forth.
+const BACK_MAX_S: f32 = 0.2;
+const FORTH_MAX_S: f32 = 0.1;
 
 /// Deliveries of obstacle sensors that did not enter the map, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -27,13 +30,17 @@ pub struct Refused {
     pub geometry: u32,
     /// [`Refusal::Absurd`].
     pub absurd: u32,
+    /// [`Refusal::Blind`].
+    pub blind: u32,
 }
 
 impl Refused {
     /// Their sum.
     #[must_use]
     pub fn total(&self) -> u32 {
-        [self.times_apart, self.geometry, self.absurd].iter().fold(self.no_ownship, |sum, n| sum.saturating_add(*n))
+        [self.times_apart, self.geometry, self.absurd, self.blind]
+            .iter()
+            .fold(self.no_ownship, |sum, n| sum.saturating_add(*n))
     }
 
     fn note(&mut self, taken: Result<Pose, Refusal>) {
@@ -43,6 +50,7 @@ impl Refused {
             Err(Refusal::TimesApart) => &mut self.times_apart,
             Err(Refusal::Geometry) => &mut self.geometry,
             Err(Refusal::Absurd) => &mut self.absurd,
+            Err(Refusal::Blind) => &mut self.blind,
         };
         *count = count.saturating_add(1);
     }
@@ -174,6 +182,9 @@ impl<const N: usize> Guidance<N> {
     /// Scan -> circles -> map; returns the pose from which it was made.
     #[inline(never)]
     fn take_scan(&self, state: &mut State<N>, now: Instant, scan: &Scan, pose: Pose) -> Result<Pose, Refusal> {
+        if scan.is_blind() {
+            return Err(Refusal::Blind);
+        }
         if scan.is_fine() {
             self.tracks.observe_rays(&mut state.surroundings.tracks, scan, &pose);
         }
@@ -214,7 +225,32 @@ fn pose_at(ownship: Option<&Ownship>, time: Instant) -> Result<Pose, Refusal> {
     if is_apart(ownship.position_time) || is_apart(ownship.attitude_time) {
         return Err(Refusal::TimesApart);
     }
-    let since_s = time.seconds_since(ownship.position_time);
-    let moved = ownship.velocity_ned_mps.horizontal().times(since_s.clamp(0.0, 0.1));
+    // A scan that took a turn is older than the newest position.
+    let since_s = time.seconds_since(ownship.position_time) - ownship.position_time.seconds_since(time);
+    let moved = ownship.velocity_ned_mps.horizontal().times(since_s.clamp(-BACK_MAX_S, FORTH_MAX_S));
     Ok(Pose { position_ned_m: ownship.position_ned_m.horizontal().plus(moved), yaw_rad: ownship.yaw_at(time) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::ned::{Horizontal, Ned};
+
+    #[test]
+    fn a_measurement_is_placed_where_the_vehicle_was_before_and_after_its_newest_position() {
+        let ownship = Ownship {
+            position_time: Instant(1_000_000),
+            velocity_ned_mps: Ned { north: 2.0, east: -1.0, down: 0.0 },
+            attitude_time: Instant(1_000_000),
+            yaw_rate_radps: 1.0,
+            ..Ownship::default()
+        };
+        for (time_us, since_s) in [(1_000_000, 0.0), (1_050_000, 0.05), (950_000, -0.05), (850_000, -0.15)] {
+            let pose = pose_at(Some(&ownship), Instant(time_us)).unwrap();
+            let apart = pose.position_ned_m.minus(Horizontal { north: 2.0, east: -1.0 }.times(since_s));
+            assert!(apart.norm() < 1e-6, "{since_s}: {pose:?}");
+        }
+        assert_eq!(pose_at(Some(&ownship), Instant(650_000)), Err(Refusal::TimesApart));
+        assert_eq!(pose_at(None, Instant(650_000)), Err(Refusal::NoOwnship));
+    }
 }

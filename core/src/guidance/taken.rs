@@ -45,6 +45,7 @@ impl Expected {
             Err(Refusal::TimesApart) => self.refused.times_apart += 1,
             Err(Refusal::Geometry) => self.refused.geometry += 1,
             Err(Refusal::Absurd) => self.refused.absurd += 1,
+            Err(Refusal::Blind) => self.refused.blind += 1,
         }
         taken.is_ok()
     }
@@ -97,6 +98,7 @@ impl World {
             1 => Sector::Clear,
             2..5 if self.is_wild => Sector::Hit(0.3 + 2.6 * rng.uniform()),
             2..5 => Sector::Hit(self.wall_m),
+            6 => Sector::Unknown,
             5 if index.is_multiple_of(10) => Sector::Hit(f32::INFINITY),
             _ if (index / 6).is_multiple_of(2) => Sector::Hit(self.wall_m + 0.1 * (index / 12) as f32),
             _ if rng.uniform() < 0.1 => Sector::Unknown,
@@ -105,8 +107,12 @@ impl World {
         let rays: Rays = (0..rays).map(&mut ray).collect();
         let first_azimuth_rad = -0.5 * (rays.len() - 1) as f32 * step_rad;
         let mut scan = Scan { time: stamp(now, rng), first_azimuth_rad, step_rad, range_max_m: 3.0, rays };
-        let mut told = if kind == 0 { Err(Refusal::Absurd) } else { Ok(()) };
-        if below(rng, 30) == 0 {
+        let mut told = match kind {
+            0 => Err(Refusal::Absurd),
+            6 => Err(Refusal::Blind),
+            _ => Ok(()),
+        };
+        if below(rng, 30) == 0 && kind != 6 {
             scan.step_rad = [0.0, f32::NAN, 9.0][below(rng, 3) as usize];
             told = Err(Refusal::Geometry);
         }
@@ -296,11 +302,12 @@ fn the_newest_look_is_in_the_map_and_with_the_guard_or_its_refusal_is_counted() 
         refused.times_apart += of.times_apart;
         refused.geometry += of.geometry;
         refused.absurd += of.absurd;
+        refused.blind += of.blind;
     }
     // Each case has occurred, and often.
     let counts = [steps, scans_in_map, hits_in_map, hits_near, stale, fresh];
     let least = [100_000, 20_000, 300_000, 20_000, 5_000, 40_000];
     assert!(counts.iter().zip(least).all(|(count, least)| *count >= least), "{counts:?}");
-    let Refused { no_ownship, times_apart, geometry, absurd } = refused;
-    assert!([no_ownship, times_apart, geometry, absurd].iter().all(|count| *count > 500), "{refused:?}");
+    let Refused { no_ownship, times_apart, geometry, absurd, blind } = refused;
+    assert!([no_ownship, times_apart, geometry, absurd, blind].iter().all(|count| *count > 500), "{refused:?}");
 }

@@ -99,6 +99,12 @@ impl Scan {
             && self.range_max_m <= RANGE_MAX_M
     }
 
+    /// Whether no ray of it has a reading: the sensor is covered, or broken.
+    #[must_use]
+    pub fn is_blind(&self) -> bool {
+        self.rays.iter().all(|sector| sector == Sector::Unknown)
+    }
+
     /// Number of rays if they cover a full turn: then the last is a neighbour of the first.
     #[must_use]
     #[inline(never)]
@@ -237,6 +243,8 @@ pub enum Refusal {
     Geometry,
     /// It is not empty, but contains no finite and plausible value.
     Absurd,
+    /// No ray of it has a reading.
+    Blind,
 }
 
 /// Result of one scan or delivery of points.
