@@ -4,6 +4,7 @@ use super::mission::{self, Behaviour, Control, Mission, Outcome, Progress};
 use super::turning::Turning;
 use super::{Guidance, Input, Output, State};
 use crate::base::history::{FullPose, Poses};
+use crate::base::ned::Horizontal;
 use crate::base::ownship::{Ownship, Stale};
 use crate::base::trace::Trace;
 use crate::control::guard::{self, GuardInput, Setpoint};
@@ -41,7 +42,7 @@ impl<const N: usize> Guidance<N> {
         let bearing_ned_rad = bearing_ned_rad.flatten();
         self.look(state, input);
         let plan_activated = self.take_over(state, input.answer);
-        self.estimate_wind(state);
+        self.estimate_wind(state, input.control);
         self.land(state, input, bearing.as_ref());
         let situation = self.situation(state);
         let mut decision = self.decide(state, input, &situation);
@@ -73,9 +74,10 @@ impl<const N: usize> Guidance<N> {
         }
     }
 
-    /// Estimates the gusts from the last position received.
-    fn estimate_wind(&self, state: &mut State<N>) {
-        let Some(ownship) = &state.vehicle.ownship else { return };
+    /// Estimates the gusts from the last position received: in control, and unless its velocity is wrong.
+    fn estimate_wind(&self, state: &mut State<N>, control: Control) {
+        let is_told = control == Control::Granted && state.vehicle.agreement.found().is_none();
+        let Some(ownship) = state.vehicle.ownship.as_ref().filter(|_| is_told) else { return };
         let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
         self.wind.begin(&mut state.vehicle.wind, ownship.roll_rad, ownship.pitch_rad, velocity_ned_mps);
         self.wind.step(&mut state.vehicle.wind, &state.vehicle.model, velocity_ned_mps, ownship.position_time);
@@ -128,9 +130,16 @@ impl<const N: usize> Guidance<N> {
                 // Its position or its surroundings are not known well enough to give way.
                 let knows =
                     !matches!(decision.outcome, Outcome::StaleOwnship | Outcome::StaleObstacles | Outcome::Fault);
-                // Nor is its altitude known well enough to be held.
-                let down_m = situation.down_m.filter(|_| decision.outcome != Outcome::StaleOwnship);
-                let (setpoint, _) = self.command(state, &demand, &GuardInput { down_m, ..*situation }, knows);
+                // Nor is its position known well enough to keep clear of anything, or its altitude to be held.
+                let is_lost = decision.outcome == Outcome::StaleOwnship;
+                let down_m = situation.down_m.filter(|_| !is_lost);
+                if decision.outcome == Outcome::StaleObstacles {
+                    // Where they are by now is a guess.
+                    state.surroundings.near.retain(|one| one.velocity_ned_mps == Horizontal::default());
+                }
+                // What a landing asked for is not done.
+                state.arrival.landing.overrule();
+                let (setpoint, _) = self.command(state, &demand, &GuardInput { down_m, is_lost, ..*situation }, knows);
                 Command { setpoint, ..Command::default() }
             }
             Behaviour::Hold | Behaviour::Follow => self.follow(state, input, situation, decision),
@@ -149,7 +158,9 @@ impl<const N: usize> Guidance<N> {
         if let Some(look_ned_rad) = state.control.look_ned_rad {
             demand.yaw_rate_radps = self.track.turn_to(look_ned_rad, situation.yaw_rad);
         }
-        let (setpoint, guard) = self.command(state, &demand, situation, false);
+        // In a descent it does not give way; a hover has the time.
+        let evades = ends == Some(Outcome::HandedOver);
+        let (setpoint, guard) = self.command(state, &demand, situation, evades);
         let progress = match guard {
             _ if !demand.velocity_ned_mps.is_finite() => Progress::NotFinite,
             guard::Action::Braked => Progress::GuardBraked,
@@ -195,6 +206,7 @@ impl<const N: usize> Guidance<N> {
             delay_s: self.vehicle_model.delay_s(),
             gust_margin_m: self.wind.margin_m(&state.vehicle.wind),
             is_evading: false,
+            is_lost: false,
             down_m: state.vehicle.ownship.map(|ownship| ownship.position_ned_m.down),
             held_down_m: state.control.hold_down_m,
         }

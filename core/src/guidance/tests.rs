@@ -5,6 +5,7 @@ use crate::base::ned::Ned;
 use crate::base::obstacle::{Disc, Neighbour};
 use crate::base::ownship::Agreement;
 use crate::base::units::wrap_pi;
+use crate::control::guard::Fence;
 use crate::control::vehicle::Vehicle;
 use crate::doa::bearing::{Flags, Quality};
 use crate::landing;
@@ -321,6 +322,38 @@ fn an_autopilot_whose_velocity_contradicts_its_positions_is_not_flown_by() {
             assert!(steps <= 25 && stale == Some(expected), "every {every}: {steps} steps, {stale:?}");
             assert!(flown_m < 2.5, "every {every}, {expected:?}: {flown_m}");
         }
+    }
+}
+
+#[test]
+fn where_its_position_cannot_be_trusted_it_brakes_and_gives_way_to_nothing() {
+    // Beside pillars that it has passed, inside of the fence's margin. Position and velocity freeze at full speed, or
+    // grow old while it leans in gusts.
+    let pillars = [(1.6, 0.75, 0.25), (2.2, 0.75, 0.25), (2.8, 0.75, 0.25), (2.2, -0.75, 0.25)];
+    for is_frozen in [true, false] {
+        let mut flight = Flight::new(&pillars, (9.0, 0.0));
+        flight.config.guard.fence = Fence::Circle { center_ned_m: Horizontal::default(), radius_m: 6.0 };
+        let kept = core::cell::Cell::new(None);
+        let report = flight.run(12.0, |step, input| {
+            let ownship = input.ownship.as_mut().unwrap();
+            if step == 150 {
+                kept.set(Some(*ownship));
+            }
+            if let Some(kept) = kept.get() {
+                let time = if is_frozen { input.now } else { kept.position_time };
+                *ownship = Ownship { position_time: time, attitude_time: input.now, ..kept };
+            }
+        });
+        let commands_mps: StdVec<f32> = report
+            .outputs
+            .iter()
+            .filter(|output| output.outcome == Outcome::StaleOwnship)
+            .map(|output| output.setpoint.velocity_ned_mps.horizontal().norm())
+            .collect();
+        assert!(commands_mps.len() > 350, "{is_frozen}: {}", commands_mps.len());
+        assert!(commands_mps[0] > 0.3, "{is_frozen}: {commands_mps:?}");
+        assert!(commands_mps.windows(2).all(|two| two[1] <= two[0]), "{is_frozen}: {commands_mps:?}");
+        assert_eq!(commands_mps.last(), Some(&0.0), "{is_frozen}");
     }
 }
 

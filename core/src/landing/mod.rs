@@ -394,6 +394,13 @@ impl State {
         (self.settled_s, self.blocked_s, self.stands_s) = (0.0, 0.0, 0.0);
     }
 
+    /// The vehicle holds instead of what this step demanded: the next demand begins at rest, and it does not stand on
+    /// the ground because it does not come down.
+    pub fn overrule(&mut self) {
+        (self.velocity_ned_mps, self.down_mps) = (Horizontal::default(), 0.0);
+        self.stands_s = 0.0;
+    }
+
     /// The position has jumped: all stored positions are shifted.
     pub fn shift(&mut self, by: Horizontal) {
         self.arrival.shift(by);

@@ -108,6 +108,8 @@ pub struct GuardInput {
     pub gust_margin_m: f32,
     /// The demand is the evader's: it does not wait until the nose has turned.
     pub is_evading: bool,
+    /// The position is not to be trusted: it brakes, since it cannot know what it would keep clear of.
+    pub is_lost: bool,
     /// Vertical position, local NED, if known.
     pub down_m: Option<f32>,
     /// The held altitude, local NED, if any.
@@ -228,7 +230,8 @@ impl Guard {
         dt_s: f32,
     ) -> GuardOutput {
         let c = &self.config;
-        let sane = demand.velocity_ned_mps.is_finite()
+        let sane = !input.is_lost
+            && demand.velocity_ned_mps.is_finite()
             && input.position_ned_m.is_finite()
             && input.rest_ned_m.is_finite()
             && input.yaw_rad.is_finite()

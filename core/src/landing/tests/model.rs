@@ -78,6 +78,8 @@ pub(super) struct World {
     /// When the pad is covered, the guard brakes, no ownship arrives, and its attitude is NaN.
     pub(super) covered_s: Span,
     pub(super) blocked_s: Span,
+    /// The mission holds instead of landing.
+    pub(super) held_s: Span,
     pub(super) silent_s: Span,
     pub(super) nan_s: Span,
     /// The pad's apparent radius is not known.
@@ -112,6 +114,7 @@ impl World {
             camera: Camera::Works,
             covered_s: NEVER,
             blocked_s: NEVER,
+            held_s: NEVER,
             silent_s: NEVER,
             nan_s: NEVER,
             lacks_radius: false,
@@ -400,8 +403,12 @@ impl Flight {
             assert!(down_change <= c.down_accel_max_mps2 * TICK_S * 1.01, "{output:?}");
         }
         let (velocity, down) = output.demand.unwrap_or_else(|| (planner(self), 0.0));
-        let down = if inside(world.blocked_s, time_s) { 0.0 } else { down };
-        let velocity = if inside(world.blocked_s, time_s) { Horizontal::default() } else { velocity };
+        let is_held = inside(world.held_s, time_s);
+        if is_held {
+            state.landing.overrule();
+        }
+        let stands = is_held || inside(world.blocked_s, time_s);
+        let (velocity, down) = if stands { (Horizontal::default(), 0.0) } else { (velocity, down) };
         self.fly([velocity.north, velocity.east, down]);
         output
     }

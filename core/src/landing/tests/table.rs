@@ -210,6 +210,27 @@ fn blocked_on_the_last_metres_it_says_so() {
 }
 
 #[test]
+fn held_by_the_mission_on_its_last_centimetres_it_does_not_take_its_hover_for_the_ground() {
+    let landed_s = begins(camera(), quiet(), Stage::Landed);
+    let mut held_above = 0;
+    for tenths in 5..30 {
+        let from_s = landed_s - 0.1 * tenths as f32;
+        let world = World { held_s: (from_s, from_s + 4.0), ..quiet() };
+        let (lander, mut flight, mut state) = (Landing::new(camera()), Flight::new(world), Memory::default());
+        while flight.time_s() < landed_s + 40.0 {
+            let output = flight.step(&lander, &mut state, towards_beacon);
+            let above_m = world.ground_down_m - flight.place_ned_m[2];
+            held_above += u32::from(above_m > 0.05 && flight.time_s() > from_s + 2.0 && flight.time_s() < from_s + 4.0);
+            if output.stage == Stage::Landed {
+                assert!(above_m < 0.05, "{tenths}: landed {above_m} m above the ground");
+                break;
+            }
+        }
+    }
+    assert!(held_above > 500, "{held_above}");
+}
+
+#[test]
 fn the_search_for_the_pad_has_limits() {
     let none = World { pad_ned_m: None, ..quiet() };
     let short = search::Config { time_s: 3.0, ..search::Config::default() };
