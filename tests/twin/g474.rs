@@ -173,6 +173,7 @@ fn frame<D: MessageData>(message: &D) -> Vec<u8> {
 
 /// The image for the NUCLEO-G474RE boots and runs for a minute without a restart.
 #[test]
+#[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
 fn it_boots_and_runs_for_a_minute_without_a_restart() {
     let mut bench = Bench::start(Options { seed: 1, ..Options::default() });
     bench.seconds(61.0);
@@ -183,6 +184,7 @@ fn it_boots_and_runs_for_a_minute_without_a_restart() {
 
 /// It flies to the beacon with the trace hash of the desktop and of QEMU at every step.
 #[test]
+#[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
 fn it_flies_to_the_beacon_with_the_hash_of_the_desktop_and_of_qemu() {
     let flown = trial::fly(Path::new(&g474_image()), Some(Path::new(&qemu_image())), 1).unwrap();
     assert_eq!(flown.report.result, Ending::Reached, "{:?}", flown.report);
@@ -197,6 +199,7 @@ fn it_flies_to_the_beacon_with_the_hash_of_the_desktop_and_of_qemu() {
 
 /// It flies by a lidar, and by the `+UUDF` lines of a radio on that line, with the trace hash of the desktop at every step.
 #[test]
+#[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
 fn it_flies_by_a_lidar_and_by_a_radio_on_the_sensors_line() {
     for name in ["scenarios/lidar.json", "computer/uudf.json"] {
         let text = std::fs::read_to_string(root().join("tests").join(name)).unwrap();
@@ -217,6 +220,7 @@ fn it_flies_by_a_lidar_and_by_a_radio_on_the_sensors_line() {
 /// The image that reads IQ reports flies by those of a Bluetooth controller for four seconds, with the trace hash of the desktop at every
 /// step.
 #[test]
+#[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
 fn an_image_that_reads_iq_reports_flies_by_them() {
     let text = std::fs::read_to_string(root().join("tests/computer/hci.json")).unwrap();
     let (planner, estimator) = (planner::Config::default(), Estimator::default());
@@ -306,6 +310,7 @@ impl Computer for Flooded {
 
 /// A line that is full of telemetry, noise and breaks delays no task.
 #[test]
+#[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
 fn a_line_that_is_full_of_telemetry_noise_and_breaks_starves_nothing() {
     let scenario = Scenario { max_time_s: 9.0, ..Scenario::built_in() };
     let mission = Mission { scenario, seed: 2, planner: Default::default(), estimator: Default::default() };
@@ -341,6 +346,7 @@ fn a_line_that_is_full_of_telemetry_noise_and_breaks_starves_nothing() {
 
 /// Without a crystal it runs on the internal oscillator and reports it.
 #[test]
+#[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
 fn without_a_crystal_it_runs_on_the_internal_oscillator_and_says_so() {
     let mut bench = Bench::start(Options { seed: 3, no_crystal: true });
     bench.seconds(5.0);
@@ -351,6 +357,7 @@ fn without_a_crystal_it_runs_on_the_internal_oscillator_and_says_so() {
 
 /// After an overrun of a converter new frames arrive.
 #[test]
+#[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
 fn after_an_overrun_of_a_converter_frames_come_again() {
     let mut bench = Bench::start(Options { seed: 4, ..Options::default() });
     bench.seconds(1.0);
@@ -366,6 +373,7 @@ fn after_an_overrun_of_a_converter_frames_come_again() {
 
 /// Noise and breaks on the line lose only the bytes that they hit.
 #[test]
+#[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
 fn noise_and_breaks_on_the_line_cost_the_bytes_that_they_hit() {
     let mut bench = Bench::start(Options { seed: 5, ..Options::default() });
     bench.seconds(2.0);
@@ -383,6 +391,7 @@ fn noise_and_breaks_on_the_line_cost_the_bytes_that_they_hit() {
 
 /// When the power is cut during a save, the old value or the new one remains.
 #[test]
+#[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
 fn a_save_that_the_power_cuts_off_leaves_the_old_value_or_the_new_one() {
     let mut values = Vec::new();
     for operation in [0, 1, 2, 5, 12] {
@@ -402,6 +411,7 @@ fn a_save_that_the_power_cuts_off_leaves_the_old_value_or_the_new_one() {
 
 /// Saved values remain after every kind of restart.
 #[test]
+#[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
 fn what_was_saved_is_there_after_every_kind_of_restart() {
     let mut bench = Bench::start(Options { seed: 20, ..Options::default() });
     bench.seconds(0.5);
@@ -430,6 +440,7 @@ fn what_was_saved_is_there_after_every_kind_of_restart() {
 
 /// Random contents of the memory at power-on do not change the start.
 #[test]
+#[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
 fn memory_that_starts_as_noise_starts_no_other_way() {
     for seed in 30..34 {
         let mut bench = Bench::start(Options { seed, ..Options::default() });
@@ -441,6 +452,7 @@ fn memory_that_starts_as_noise_starts_no_other_way() {
 
 /// An image for another board, or a scenario that the board cannot fly, is refused.
 #[test]
+#[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
 fn an_image_of_another_board_is_refused_and_so_is_what_cannot_be_flown() {
     let elf = g474_image();
     let other = format!("g474:{}", qemu_image());
@@ -562,6 +574,7 @@ fn kind_of(block: &str, register: &str) -> String {
 
 /// The emulator's registers agree with stm32-metapac and with ST's SVD file, except for listed differences.
 #[test]
+#[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
 fn the_registers_of_the_model_are_those_of_two_other_sources() {
     let output = python().arg("-B").arg(root().join("tests/g474/registers.py")).output().unwrap();
     let table: Value = serde_json::from_slice(&output.stdout).unwrap();
