@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::Failure;
 
-/// Prefix of a QEMU folder's name, before the number of the process that made it (`host-sim/src/drive/qemu/folder.rs`).
+/// Prefix of a QEMU folder's name, before the number of the process that made it (`host-sim/src/drive/qemu/machine/folder.rs`).
 const PREFIX: &str = "foxhound-qemu-";
 
 /// Fails if a QEMU process, or its folder in the temporary folder, is left from a program that has ended.

@@ -294,17 +294,19 @@ fn table(flights: &[Flight], results: &[Value]) -> String {
     text
 }
 
-/// Replaces what the page has from [`MEASURED`] on.
+/// Replaces what the page has under [`MEASURED`], up to the next heading.
 fn write(table: &str) -> Result<(), Failure> {
     let page = workspace().join("docs/sitl.md");
     let unreadable = |error: std::io::Error| Failure(format!("{}: {error}", page.display()));
     let text = fs::read_to_string(&page).map_err(unreadable)?;
-    let (kept, _) = text.split_once(MEASURED).ok_or_else(|| Failure(format!("{}: no {MEASURED}", page.display())))?;
+    let (kept, old) = text.split_once(MEASURED).ok_or_else(|| Failure(format!("{}: no {MEASURED}", page.display())))?;
     let mut cells = String::from("| cell | what happens; how it should end |\n|---|---|\n");
     for (cell, about) in CELLS {
         let _ = writeln!(cells, "| {cell} | {about} |");
     }
-    fs::write(&page, format!("{kept}{MEASURED}\n{}\n{cells}\n{table}", include_str!("sitl.md"))).map_err(unreadable)
+    let next = old.find("\n## ").and_then(|at| old.get(at..)).unwrap_or_default();
+    fs::write(&page, format!("{kept}{MEASURED}\n{}\n{cells}\n{table}{next}", include_str!("sitl.md")))
+        .map_err(unreadable)
 }
 
 #[cfg(test)]
