@@ -66,6 +66,30 @@ fn a_file_that_cannot_be_written_is_named() {
     }
 }
 
+/// A result that would replace what was read, or another result, is refused, and nothing is written.
+#[test]
+fn two_options_of_one_file_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let suite = folder.path().join("suite.json");
+    let text = three_flights().to_string();
+    std::fs::write(&suite, &text).unwrap();
+    let (suite, other) = (suite.to_str().unwrap(), folder.path().join("new.csv"));
+    let other = other.to_str().unwrap();
+    for arguments in [
+        vec!["fly", "--scenario", suite, "--report", suite],
+        vec!["fly", "--params", suite, "--mcap", suite],
+        vec!["fly", "--tlog", other, "--flight-log", other],
+        vec!["suite", suite, "--csv", suite],
+        vec!["suite", suite, "--csv", other, "--parquet", other],
+    ] {
+        let output = run(&arguments);
+        let words = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && words.contains("is also the file of"), "{arguments:?}: {words}");
+        assert_eq!(std::fs::read_to_string(suite).unwrap(), text, "{arguments:?}");
+        assert!(!Path::new(other).exists(), "{arguments:?}");
+    }
+}
+
 /// The reader by the makers of MCAP reads the file, and finds the flight that was flown.
 #[test]
 #[ignore = "needs the Python package mcap: cargo xtask test"]

@@ -26,7 +26,7 @@ use super::fly::{EstimatorName, Via, Written, look, planner_parser};
 use super::live::{LiveArgs, Watched};
 use super::radio::RadioArgs;
 use super::terminal::{interrupted, say, show_as, stop_flag, warn};
-use super::value::number;
+use super::value::{check_apart, number};
 use super::{Cli, check_writable, command_line, json_line};
 
 const COMPANION_HELP: &str = "Examples:
@@ -203,6 +203,14 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
             "--v-max = {v_max_mps}: plans are flown at {fastest_mps:.2} m/s at most; only giving way is faster"
         ));
     }
+    check_apart(&[
+        ("--obstacles", args.obstacles.as_deref()),
+        ("--params", args.params.as_deref()),
+        ("--key", args.key.as_deref()),
+        ("--report", args.report.as_deref()),
+        ("--mcap", args.mcap.as_deref()),
+        ("--tlog", args.tlog.as_deref()),
+    ])?;
     check_writable("--report", args.report.as_ref())?;
     // Checked here for every computer, so that a refused field is named the same way.
     let mut host = match &args.params {

@@ -25,7 +25,7 @@ use foxhound_sim::scenario::{Scenario, SensorModel};
 
 use super::live::{LiveArgs, Pace, Watched};
 use super::terminal::{BAD, GOOD, HALF, interrupted, say, show_as, stop_flag, warn};
-use super::value::number;
+use super::value::{check_apart, number};
 use super::{Cli, check_writable, command_line, ending, json_line};
 
 const FLY_HELP: &str = "Examples:
@@ -201,6 +201,15 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         return Err(InputError::new(format!("--plot {}: expected a file ending in .svg or .png", path.display())));
     }
 
+    check_apart(&[
+        ("--scenario", args.scenario.as_deref()),
+        ("--params", args.params.as_deref()),
+        ("--plot", plot_path.as_deref()),
+        ("--report", args.report.as_deref()),
+        ("--mcap", args.mcap.as_deref()),
+        ("--tlog", args.tlog.as_deref()),
+        ("--flight-log", args.flight_log.as_deref()),
+    ])?;
     for (option, path) in [("--plot", &args.plot), ("--report", &args.report), ("--flight-log", &args.flight_log)] {
         check_writable(option, path.as_ref())?;
     }

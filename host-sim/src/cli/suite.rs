@@ -17,7 +17,7 @@ use foxhound_sim::scenario::{VehicleModel, output};
 
 use super::fly::{EstimatorName, planner_parser};
 use super::terminal::{interrupted, say, stop_flag, warn};
-use super::value::{number, whole};
+use super::value::{check_apart, number, whole};
 use super::{Cli, check_writable, json_line, terminal, write_text};
 
 /// Flights that missed and are named on the terminal.
@@ -133,6 +133,12 @@ impl From<VehicleName> for VehicleModel {
 
 /// The suite as it is in the file, with what the command line overrules.
 fn suite_of(args: &SuiteCommand) -> Result<Suite, InputError> {
+    check_apart(&[
+        ("the suite", Some(&args.file)),
+        ("--csv", args.csv.as_deref()),
+        ("--parquet", args.parquet.as_deref()),
+        ("--dump-scenario", args.dump_scenario.as_deref()),
+    ])?;
     let mut suite = Suite::read(&args.file)?;
     if let Some(radius_m) = args.drone_radius {
         check_within("--drone-radius", radius_m, &DRONE_RADIUS_M)?;

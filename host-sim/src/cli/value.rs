@@ -1,6 +1,7 @@
 //! Values of options: an error names the accepted range.
 
 use std::ops::RangeInclusive;
+use std::path::Path;
 
 use clap::builder::{StringValueParser, TypedValueParser};
 use foxhound_sim::scenario::input::InputError;
@@ -24,4 +25,19 @@ where
         let number = text.parse().ok().filter(|number| range.contains(number));
         number.and_then(|number| T::try_from(number).ok()).ok_or_else(refused)
     })
+}
+
+/// Checks that no two of these files are one, or a result would replace what was read, or another result.
+pub(super) fn check_apart(files: &[(&str, Option<&Path>)]) -> Result<(), InputError> {
+    let is_file = |path: &Path| !path.metadata().is_ok_and(|there| !there.is_file());
+    let place = |path: &Path| path.canonicalize().or_else(|_| std::path::absolute(path)).ok();
+    let mut named: Vec<(&str, _)> = Vec::new();
+    for (option, path) in files.iter().filter_map(|(option, path)| path.map(|path| (*option, path))) {
+        let here = place(path).filter(|_| is_file(path));
+        if let Some((other, _)) = named.iter().find(|(_, there)| here.is_some() && *there == here) {
+            return Err(InputError::new(format!("{option} {}: is also the file of {other}", path.display())));
+        }
+        named.push((option, here));
+    }
+    Ok(())
 }
