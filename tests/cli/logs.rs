@@ -73,10 +73,12 @@ fn two_options_of_one_file_are_refused() {
     let suite = folder.path().join("suite.json");
     let text = three_flights().to_string();
     std::fs::write(&suite, &text).unwrap();
-    let (suite, other) = (suite.to_str().unwrap(), folder.path().join("new.csv"));
-    let other = other.to_str().unwrap();
+    let [world, other] = ["world.json", "new.csv"].map(|name| folder.path().join(name));
+    std::fs::copy(root().join("tests/scenarios/open_field.json"), &world).unwrap();
+    let drawn = std::fs::read_to_string(&world).unwrap();
+    let [suite, world, other] = [&suite, &world, &other].map(|path| path.to_str().unwrap());
     for arguments in [
-        vec!["fly", "--scenario", suite, "--report", suite],
+        vec!["fly", "--scenario", world, "--report", world],
         vec!["fly", "--params", suite, "--mcap", suite],
         vec!["fly", "--tlog", other, "--flight-log", other],
         vec!["suite", suite, "--csv", suite],
@@ -86,6 +88,7 @@ fn two_options_of_one_file_are_refused() {
         let words = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.code() == Some(2) && words.contains("is also the file of"), "{arguments:?}: {words}");
         assert_eq!(std::fs::read_to_string(suite).unwrap(), text, "{arguments:?}");
+        assert_eq!(std::fs::read_to_string(world).unwrap(), drawn, "{arguments:?}");
         assert!(!Path::new(other).exists(), "{arguments:?}");
     }
 }
