@@ -138,7 +138,7 @@ impl<const N: usize> Guidance<N> {
                     state.surroundings.near.retain(|one| one.velocity_ned_mps == Horizontal::default());
                 }
                 // What a landing asked for is not done.
-                state.arrival.landing.overrule();
+                state.arrival.landing.overrule(self.tick_s);
                 let (setpoint, _) = self.command(state, &demand, &GuardInput { down_m, is_lost, ..*situation }, knows);
                 Command { setpoint, ..Command::default() }
             }

@@ -47,6 +47,7 @@
 //! | `Landed` | | zero velocity; land (and disarm) if the user wants it |
 //! | `HandedOver` | | zero velocity until the mode is entered again |
 //! | any but `Seeking` | own position or attitude unknown, absurd, or older than 0.5 s | zero velocity, `NoOwnship`; goes on afterwards |
+//! | | the mission holds | it holds; limits of time wait, but `total_s` |
 //! | | `total_s` over | hand over, `TimeLimit` |
 //!
 //! Numbers are defaults of [`Config`]. There is a test for each row. Every demand is finite, inside the configured
@@ -394,11 +395,15 @@ impl State {
         (self.settled_s, self.blocked_s, self.stands_s) = (0.0, 0.0, 0.0);
     }
 
-    /// The vehicle holds instead of what this step demanded: the next demand begins at rest, and it does not stand on
-    /// the ground because it does not come down.
-    pub fn overrule(&mut self) {
+    /// The vehicle holds instead of what this step demanded: the next demand begins at rest, it does not stand on the
+    /// ground because it does not come down, and the time limits of the stage, the attempt and the search wait.
+    pub fn overrule(&mut self, tick_s: f32) {
         (self.velocity_ned_mps, self.down_mps) = (Horizontal::default(), 0.0);
         self.stands_s = 0.0;
+        let tick_us = (tick_s * 1e6) as u64;
+        self.entered = self.entered.plus_micros(tick_us);
+        self.attempted = self.attempted.plus_micros(tick_us);
+        self.search.wait(tick_us);
     }
 
     /// The position has jumped: all stored positions are shifted.

@@ -106,6 +106,12 @@ impl State {
         self.corner_ned_m = self.corner_ned_m.plus(by);
     }
 
+    /// The vehicle holds: neither the search's time nor that of a leg runs on.
+    pub(super) fn wait(&mut self, micros: u64) {
+        self.began = self.began.plus_micros(micros);
+        self.neared = self.neared.plus_micros(micros);
+    }
+
     fn turn_back(&mut self, end: End, now: Instant) {
         self.end = Some(end);
         self.set_out(self.center_ned_m, now);

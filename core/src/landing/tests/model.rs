@@ -405,7 +405,7 @@ impl Flight {
         let (velocity, down) = output.demand.unwrap_or_else(|| (planner(self), 0.0));
         let is_held = inside(world.held_s, time_s);
         if is_held {
-            state.landing.overrule();
+            state.landing.overrule(TICK_S);
         }
         let stands = is_held || inside(world.blocked_s, time_s);
         let (velocity, down) = if stands { (Horizontal::default(), 0.0) } else { (velocity, down) };

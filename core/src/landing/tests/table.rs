@@ -231,6 +231,25 @@ fn held_by_the_mission_on_its_last_centimetres_it_does_not_take_its_hover_for_th
 }
 
 #[test]
+fn the_time_for_which_the_mission_holds_it_is_no_stage_s_own() {
+    // Long enough for every limit but that of all of it.
+    let ended = |config: Config, world: World, stage: Stage| {
+        let from_s = begins(config, world, stage) + 0.5;
+        fly(config, World { held_s: (from_s, from_s + 100.0), ..world })
+    };
+    let (output, trail) = ended(Config::default(), quiet(), Stage::Approaching);
+    assert_eq!(output.reason, Some(Reason::Arrived), "{trail:?}");
+    let (output, trail) = ended(camera(), World { says_landed: true, ..quiet() }, Stage::Descending);
+    assert_eq!(output.reason, Some(Reason::Landed), "{trail:?}");
+    // The legs of a search are flown afterwards, so that what is not there has been looked for.
+    let (output, trail) = ended(camera(), World { pad_ned_m: None, ..quiet() }, Stage::SearchingPad);
+    assert_eq!(output.reason, Some(Reason::NoPad), "{trail:?}");
+    let all = Config { total_s: 60.0, ..camera() };
+    let (output, trail) = ended(all, World { pad_ned_m: None, ..quiet() }, Stage::SearchingPad);
+    assert_eq!(output.reason, Some(Reason::TimeLimit), "{trail:?}");
+}
+
+#[test]
 fn the_search_for_the_pad_has_limits() {
     let none = World { pad_ned_m: None, ..quiet() };
     let short = search::Config { time_s: 3.0, ..search::Config::default() };
