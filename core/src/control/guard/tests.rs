@@ -433,6 +433,33 @@ fn what_comes_at_it_is_evaded_from_a_standstill_even_into_the_unseen() {
     }
 }
 
+/// A body comes from ahead, where the sensor looks. Away from it, behind, nothing has been seen: the vehicle backs off from the body
+/// as far as it has to, whatever the demand, and not with the demand's speed.
+#[test]
+fn a_threat_lets_it_make_way_into_the_unseen_and_do_no_more() {
+    let guard = guard_of(&Config::default());
+    let fastest_mps = |wish: Demand| {
+        let mut state = State::default();
+        let mut fastest_mps: f32 = 0.0;
+        for step in 0..80 {
+            let mover = Neighbour {
+                center_ned_m: at(1.0 - 0.3 * DT * step as f32, 0.0),
+                reach_m: 0.45,
+                velocity_ned_mps: at(-0.3, 0.0),
+            };
+            let pose = Pose::default();
+            guard.note_circles(&mut state, &[mover], &pose);
+            let ruling = guard.step(&mut state, &wish, &GuardInput::default(), &[mover], DT);
+            fastest_mps = fastest_mps.max(-ruling.setpoint.velocity_ned_mps.north);
+        }
+        fastest_mps
+    };
+    let made_way_mps = fastest_mps(Demand::default());
+    assert!(made_way_mps > 0.2, "{made_way_mps}");
+    let demanded_mps = fastest_mps(demand(-1.0, 0.0));
+    assert!(demanded_mps < made_way_mps + 0.02, "{demanded_mps}, without the demand {made_way_mps}");
+}
+
 #[test]
 fn the_fence_is_never_left_and_from_outside_it_comes_back() {
     let fences =
