@@ -47,10 +47,10 @@ pub const fn patience_us(cycles_per_frame: u64, clock_mhz: u32) -> u64 {
     if patience_us > 1_000 { patience_us } else { 1_000 }
 }
 
-/// Which half of a ring was filled last, from the number filled since the start: 0 or 1.
+/// Which half of a ring of two blocks was filled last, from the number of samples until its end: 0 or 1. The other is being filled.
 #[must_use]
-pub const fn ring_half(filled: u32) -> usize {
-    (filled.wrapping_sub(1) & 1) as usize
+pub const fn ring_half(left: usize, samples: usize) -> usize {
+    if left > samples { 1 } else { 0 }
 }
 
 /// The size field of a region's register (`MPU_RASR`, Armv7-M B3.5.9) for a power of two of bytes, from 32 on: 2^(size + 1) bytes.

@@ -55,8 +55,8 @@ fn a_frame_is_dated_by_its_middle_and_waited_for_twice() {
 
 #[test]
 fn the_half_that_is_read_is_the_one_that_is_not_written() {
-    assert_eq!([1, 2, 3, 4].map(ring_half), [0, 1, 0, 1]);
-    assert_eq!(ring_half(0), 1, "the count has wrapped");
+    // The counter stands at the length where it begins anew, and at half of it when the first half is full.
+    assert_eq!([512, 511, 257, 256, 255, 1].map(|left| ring_half(left, 256)), [1, 1, 1, 0, 0, 0]);
 }
 
 #[test]

@@ -102,6 +102,8 @@ static READY: Signal<CriticalSectionRawMutex, Block> = Signal::new();
 pub struct Block {
     /// `FILLED` when the block was full.
     count: u32,
+    /// The half of the ring.
+    half: usize,
     /// When its last sample was taken.
     end: Instant,
 }
@@ -318,7 +320,7 @@ impl Acquisition {
             self.restart();
             return false;
         }
-        let half = ring_half(block.count);
+        let half = block.half;
         let rings = RINGS.0.get().cast::<[[u16; N]; 2]>();
         compiler_fence(Ordering::Acquire);
         let raw = core::array::from_fn(|channel| {
@@ -367,10 +369,15 @@ fn DMA2_CHANNEL4() {
         // Left over from before a restart.
         return;
     }
-    // Both at once: one interrupt was late by a whole block.
-    let count = FILLED.load(Ordering::Relaxed).wrapping_add(u32::from(half) + u32::from(full));
+    let count = FILLED.load(Ordering::Relaxed).wrapping_add(1);
     FILLED.store(count, Ordering::Relaxed);
+    if half && full {
+        // Late by a whole block or, while a page of the flash is erased, by several: how many is not known, nor when the last ended.
+        return;
+    }
     if count.is_multiple_of(BLOCKS.load(Ordering::Relaxed).max(1)) {
-        READY.signal(Block { count, end });
+        // From the counter, since interrupts may have been missed.
+        let half = ring_half(usize::from(DMA2.ch(3).ndtr().read().ndt()), N);
+        READY.signal(Block { count, half, end });
     }
 }
