@@ -1,5 +1,6 @@
 //! The configuration of the whole chain, checked and built module by module.
 
+use super::near::NEAR_M;
 use super::{Guidance, mission, turning};
 use crate::base::config::{RangeSensor, Vehicle};
 use crate::base::error::{ConfigError, Why, check};
@@ -145,6 +146,8 @@ impl Config {
         }
         self.build_planner()?;
         let vehicle_model = self.vehicle_model.build(self.tick_s)?;
+        let guard = self.guard.build(&self.vehicle, &self.sensor)?;
+        let stop_m = guard.stop_m(vehicle_model.delay_s());
         Ok(Guidance {
             seed: self.seed,
             tick_s: self.tick_s,
@@ -153,6 +156,7 @@ impl Config {
             replan_ticks: libm::ceilf(self.replan_after_s / self.tick_s) as u32,
             retry_ticks: libm::ceilf(self.retry_s / self.tick_s) as u32,
             plan_margin_m: 0.5 * self.planner.margin_m,
+            near_m: if stop_m > NEAR_M { stop_m } else { NEAR_M },
             target_distance_m: self.goal.target_distance_m,
             known_source_ned_m: self.goal.known_source_ned_m,
             phase: self.phase.build()?,
@@ -176,7 +180,7 @@ impl Config {
                 self.guard.evade_max_mps,
                 self.guard.a_max_mps2,
             )?,
-            guard: self.guard.build(&self.vehicle, &self.sensor)?,
+            guard,
             mission: self.mission.build()?,
             turning: match &self.turning {
                 Some(turning) => Some(turning.build(&self.mission, self.guard.yaw_rate_max_radps)?),

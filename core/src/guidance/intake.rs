@@ -153,6 +153,7 @@ impl<const N: usize> Guidance<N> {
         if let Some(ownship) = &state.vehicle.ownship {
             near::gather(
                 &self.guard,
+                self.near_m,
                 &state.surroundings.map,
                 ownship.position_ned_m.horizontal(),
                 &mut state.surroundings.near,

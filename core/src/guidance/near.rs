@@ -13,27 +13,34 @@ use crate::mapping::map::{CIRCLES_MAX, Map};
 use crate::mapping::tracks::{TRACKS_MAX, Tracks};
 use crate::planning::rollout::swept_clearance_m;
 
-/// Obstacles farther than this from the vehicle's boundary are ignored by the fast loop.
+/// Obstacles farther than this from the vehicle's boundary are ignored by the fast loop, unless it needs more to stop.
 pub(super) const NEAR_M: f32 = 4.0;
-/// Distance classes: this many rings around the vehicle up to [`NEAR_M`], and one for everything farther.
+/// Distance classes: this many rings around the vehicle up to there, and one for everything farther.
 pub(super) const FAR: u8 = 64;
 
 /// The additional distance from a tracked body, in standard deviations of its position.
 const DOUBT_SIGMAS: f32 = 2.0;
 
-/// Lists the obstacles near the vehicle: the nearest, if the list is full; standing before moving ones.
+/// Lists the obstacles up to `near_m` from the vehicle: the nearest, if the list is full; standing before moving ones.
 #[inline(never)]
-pub(super) fn gather(guard: &Guard, map: &Map, place: Horizontal, near: &mut Vec<Neighbour, OBSTACLES_MAX>) {
+pub(super) fn gather(
+    guard: &Guard,
+    near_m: f32,
+    map: &Map,
+    place: Horizontal,
+    near: &mut Vec<Neighbour, OBSTACLES_MAX>,
+) {
+    let rings_per_m = f32::from(FAR) / near_m;
     let mut rings = [FAR; CIRCLES_MAX];
     let mut counts = [0_u8; FAR as usize];
     for (circle, ring) in map.circles().zip(&mut rings) {
         let reach_m = guard.obstacle(&circle).reach_m;
-        let limit = reach_m + NEAR_M;
+        let limit = reach_m + near_m;
         let squared = circle.center_ned_m.minus(place).norm_squared();
         if squared < limit * limit {
             // Negative, and so the first, if it is too close.
             let clearance_m = squared * inverse_root(squared) - reach_m;
-            *ring = ((clearance_m * (FAR as f32 / NEAR_M)) as u8).min(FAR - 1);
+            *ring = ((clearance_m * rings_per_m) as u8).min(FAR - 1);
             if let Some(count) = counts.get_mut(usize::from(*ring)) {
                 *count += 1;
             }

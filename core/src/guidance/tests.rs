@@ -5,7 +5,8 @@ use crate::base::ned::Ned;
 use crate::base::obstacle::{Disc, Neighbour};
 use crate::base::ownship::Agreement;
 use crate::base::units::wrap_pi;
-use crate::control::guard::Fence;
+use crate::control::guard::{Fence, GuardInput};
+use crate::control::track::Demand;
 use crate::control::vehicle::Vehicle;
 use crate::doa::bearing::{Flags, Quality};
 use crate::landing;
@@ -425,7 +426,7 @@ fn in_a_crowd_the_fast_loop_heeds_the_nearest_obstacles_and_otherwise_all_that_a
         for part in circles.chunks(64) {
             guidance.map.observe_circles(&mut state.surroundings.map, Instant(1), Horizontal::default(), part).unwrap();
         }
-        near::gather(&guidance.guard, &state.surroundings.map, Horizontal::default(), &mut state.surroundings.near);
+        near::gather(&guidance.guard, near::NEAR_M, &state.surroundings.map, Horizontal::default(), &mut state.surroundings.near);
         let clearance = |o: &Neighbour| o.center_ned_m.norm() - o.reach_m;
         let mut all: StdVec<f32> = state
             .surroundings
@@ -443,6 +444,44 @@ fn in_a_crowd_the_fast_loop_heeds_the_nearest_obstacles_and_otherwise_all_that_a
                 .is_none_or(|next| farthest < next + near::NEAR_M / f32::from(near::FAR)),
             "{crowd}"
         );
+    }
+}
+
+/// A column of posts comes into the list only once it is near. However fast the vehicle may be, and however slowly it brakes, that is
+/// early enough.
+#[test]
+fn what_is_near_is_as_far_as_the_vehicle_needs_to_stop() {
+    for (v_max_mps, evade_max_mps, a_max_mps2) in
+        [(1.0, 0.0, 2.0), (1.0, 0.0, 0.1), (2.0, 4.0, 2.0), (5.0, 0.0, 2.0), (1.0, 8.0, 1.0), (20.0, 0.0, 20.0)]
+    {
+        let mut config = Config::default();
+        (config.guard.v_max_mps, config.guard.evade_max_mps, config.guard.a_max_mps2) =
+            (v_max_mps, evade_max_mps, a_max_mps2);
+        let guidance = config.build::<64>().unwrap();
+        let (mut state, post_m) = (guidance.start(), 150.0);
+        let post = Circle { center_ned_m: Horizontal { north: post_m, east: 0.0 }, radius_m: 0.5, ..Circle::default() };
+        let mut vehicle = Vehicle::new(Horizontal::default(), 4, 0.45);
+        let mut fastest_mps = 0.0_f32;
+        for _ in 0..10_000 {
+            let (around, guard_state) = (&mut state.surroundings, &mut state.control.guard);
+            guidance.map.observe_circles(&mut around.map, Instant(1), vehicle.position, &[post]).unwrap();
+            near::gather(&guidance.guard, guidance.near_m, &around.map, vehicle.position, &mut around.near);
+            let commands = vehicle.pending.iter().map(|setpoint| setpoint.velocity_ned_mps.horizontal());
+            let pending = commands.fold(Horizontal::default(), Horizontal::plus).times(DT);
+            let facts = GuardInput {
+                position_ned_m: vehicle.position,
+                rest_ned_m: vehicle.position.plus(vehicle.velocity.times(0.45)).plus(pending),
+                delay_s: 0.53,
+                is_evading: evade_max_mps > 0.0,
+                ..GuardInput::default()
+            };
+            let demand = Demand { velocity_ned_mps: Horizontal { north: 30.0, east: 0.0 }, ..Demand::default() };
+            vehicle.follow(&guidance.guard.step(guard_state, &demand, &facts, &around.near, DT).setpoint);
+            fastest_mps = fastest_mps.max(vehicle.velocity.north);
+        }
+        let clearance_m = post_m - 0.5 - config.vehicle.radius_m - vehicle.position.north;
+        assert!(clearance_m > 0.0 && clearance_m < 0.2, "{v_max_mps} {evade_max_mps} {a_max_mps2}: {clearance_m}");
+        assert!(fastest_mps > 0.99 * v_max_mps.max(evade_max_mps), "{fastest_mps}");
     }
 }
 

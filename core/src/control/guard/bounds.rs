@@ -63,6 +63,15 @@ impl Guard {
         None
     }
 
+    /// The distance from an obstacle at which the fastest command begins to be limited, for a vehicle that follows with this
+    /// delay.
+    #[must_use]
+    pub(crate) fn stop_m(&self, delay_s: f32) -> f32 {
+        let c = &self.config;
+        let fastest_mps = if c.evade_max_mps > c.v_max_mps { c.evade_max_mps } else { c.v_max_mps };
+        self.range_m(fastest_mps) + c.margin_m + fastest_mps * delay_s
+    }
+
     /// The distance from which a speed of approach is allowed: the inverse of the bound in the module's documentation.
     fn range_m(&self, speed_mps: f32) -> f32 {
         let c = &self.config;
