@@ -61,12 +61,6 @@ impl Consistency {
         }
     }
 
-    /// Number of squares added.
-    #[must_use]
-    pub fn count(&self) -> u32 {
-        self.count
-    }
-
     /// Their mean; zero without any.
     #[must_use]
     pub fn mean(&self) -> f32 {
@@ -155,7 +149,7 @@ mod tests {
             gathered.add(bad, 1);
         }
         gathered.add(1.0, 0);
-        assert_eq!((gathered.count(), gathered.mean(), gathered.band()), (0, 0.0, [0.0; 2]));
+        assert_eq!((gathered.count, gathered.mean(), gathered.band()), (0, 0.0, [0.0; 2]));
         for _ in 0..9 {
             gathered.add(100.0, 1);
         }
@@ -163,6 +157,6 @@ mod tests {
         gathered.add(100.0, 1);
         assert_eq!(gathered.verdict(), Verdict::Optimistic);
         gathered.add(0.0, DOF_MAX);
-        assert_eq!(gathered.count(), 10, "it holds no more than it can tell apart");
+        assert_eq!(gathered.count, 10, "it holds no more than it can tell apart");
     }
 }

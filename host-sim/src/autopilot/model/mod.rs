@@ -152,12 +152,6 @@ impl Autopilot {
         }
     }
 
-    /// Whether it stands on the ground.
-    #[must_use]
-    pub const fn is_landed(&self) -> bool {
-        self.flight.landed
-    }
-
     /// Sends what is due. While `ownship_is_silent`, position and attitude are not sent.
     pub fn telemetry(&mut self, now_us: u64, motion: &Motion, ownship_is_silent: bool) {
         self.advance(now_us, motion);

@@ -203,11 +203,11 @@ fn it_takes_off_on_command_and_not_on_a_velocity() {
     (up.vx, up.vy, up.vz) = (0.0, 0.0, -1.0);
     flown.fly(2.0, |_| bytes(&up));
     assert!(flown.place()[2].abs() < 0.01, "{:?}", flown.place());
-    assert!(flown.autopilot.is_landed());
+    assert!(flown.autopilot.flight.landed);
     assert_eq!(flown.order(&command(22, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 5.0])), 0);
     flown.idle(12.0);
     assert!((flown.place()[2] + 5.0).abs() < 0.2 && flown.speed_mps() < 0.1, "{:?}", flown.place());
-    assert!(!flown.autopilot.is_landed());
+    assert!(!flown.autopilot.flight.landed);
     flown.fly(1.0, |_| bytes(&target(0x05C7, 1)));
     assert!(flown.speed_mps() > 1.0, "and in the air it obeys");
 }
@@ -232,7 +232,7 @@ fn it_lands_and_disarms() {
     assert_eq!(flown.order(&command(21, [0.0; 7])), 0);
     assert_eq!(flown.autopilot.custom_mode, LAND);
     flown.idle(15.0);
-    assert!(flown.place()[2].abs() < 0.05 && flown.autopilot.is_landed() && !flown.autopilot.armed);
+    assert!(flown.place()[2].abs() < 0.05 && flown.autopilot.flight.landed && !flown.autopilot.armed);
     assert_eq!(flown.order(&command(400, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])), 4, "not armed in LAND");
 }
 

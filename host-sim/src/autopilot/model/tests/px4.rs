@@ -224,7 +224,7 @@ fn it_climbs_from_the_ground_in_offboard() {
     assert!(flown.place()[0] < 0.01, "on the ground it does not slide");
     setpoint.vz = -1.0;
     flown.fly(3.0, |_| bytes(&setpoint));
-    assert!(flown.place()[2] < -2.0 && !flown.autopilot.is_landed(), "{:?}", flown.place());
+    assert!(flown.place()[2] < -2.0 && !flown.autopilot.flight.landed, "{:?}", flown.place());
 }
 
 #[test]
@@ -238,7 +238,7 @@ fn it_takes_off_in_a_mode_of_its_own_holds_lands_and_disarms() {
     assert!((flown.place()[2] + 2.5).abs() < 0.3, "{:?}", flown.place());
     assert_eq!(flown.order(&command(21, [0.0; 7])), 0);
     flown.idle(7.0);
-    assert!(flown.autopilot.is_landed() && flown.place()[2].abs() < 0.05, "{:?}", flown.place());
+    assert!(flown.autopilot.flight.landed && flown.place()[2].abs() < 0.05, "{:?}", flown.place());
     flown.idle(3.0);
     assert!(!flown.autopilot.armed);
 }
