@@ -65,10 +65,15 @@ impl Rays {
         }
     }
 
+    /// Those that exist: behind them are those of an earlier scan.
+    fn measured(&self) -> &[u16] {
+        self.ranges_mm.get(..self.len()).unwrap_or_default()
+    }
+
     /// A ray's measurement; unknown if it does not exist. A hit at 0 m stands for a measurement that was not valid.
     #[must_use]
     pub fn get(&self, index: usize) -> Sector {
-        match self.ranges_mm.get(index).copied().unwrap_or(UNKNOWN) {
+        match self.measured().get(index).copied().unwrap_or(UNKNOWN) {
             UNKNOWN => Sector::Unknown,
             CLEAR => Sector::Clear,
             // A division, not a product with the inverse: so whole centimetres are restored bit for bit.
@@ -162,7 +167,7 @@ impl<'a> Sectors<'a> {
         }
         let (from, most_mm) = (index * self.rays_each, (1000.0 * self.scan.range_max_m + 0.5) as u16);
         let (mut least_mm, mut nearest, mut clear, mut absurd) = (CLEAR, 0, 0, None);
-        let its = self.scan.rays.ranges_mm.get(from..).unwrap_or_default();
+        let its = self.scan.rays.measured().get(from..).unwrap_or_default();
         for (ray, range_mm) in its.get(..self.rays_each).unwrap_or(its).iter().enumerate() {
             match *range_mm {
                 UNKNOWN => {}

@@ -42,6 +42,14 @@ fn fit(circles: &[(f64, f64, f64)]) -> StdVec<Detection> {
 }
 
 #[test]
+fn what_a_longer_scan_left_behind_a_shorter_one_is_not_read() {
+    let mut rays: rays::Rays = [Sector::Clear; 288].into_iter().collect();
+    rays.resize(0);
+    (0..72).for_each(|_| rays.push(Sector::Hit(2.0)));
+    assert!(rays.get(71) == Sector::Hit(2.0) && rays.get(72) == Sector::Unknown && rays.get(287) == Sector::Unknown);
+}
+
+#[test]
 fn a_pillar_is_found_where_it_stands_and_as_thick_as_it_is() {
     for radius in [0.1, 0.15, 0.25, 0.33, 0.5] {
         for distance in [0.9, 1.5, 2.2] {
