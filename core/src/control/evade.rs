@@ -25,6 +25,8 @@ use crate::control::vehicle_model::{self, VehicleModel};
 pub const MOVERS_MAX: usize = 8;
 /// Most standing obstacles that are considered.
 const STANDING_MAX: usize = 6;
+/// The largest number of sides of the fence that are considered: those of a corner.
+const SIDES_MAX: usize = 2;
 /// Directions of the fan, and shares of the speed in each.
 const DIRECTIONS: usize = 16;
 const SHARES: [f32; 2] = [1.0, 0.5];
@@ -158,6 +160,8 @@ pub struct Input<'a> {
     pub underway: &'a vehicle_model::State,
     /// Standing obstacles nearby.
     pub standing: &'a [Neighbour],
+    /// The sides of the fence, as obstacles.
+    pub fence: &'a [Neighbour],
     /// Moving obstacles nearby: those that a sensor reports as moving, and those that are tracked.
     pub moving: [&'a [Neighbour]; 2],
 }
@@ -188,7 +192,14 @@ impl Foreseen {
 }
 
 impl Evader {
-    /// The velocity to fly in place of the one that is asked for; `None`: that is clear of all that moves.
+    /// What is asked for, with its speed limited.
+    #[must_use]
+    pub fn cruise(&self, asked: Horizontal) -> Horizontal {
+        asked.clamped(self.v_max_mps)
+    }
+
+    /// The velocity to fly in place of the one that is asked for, which may be the same one; `None`: that is clear of all that
+    /// moves.
     #[inline(never)]
     pub fn step(&self, state: &mut State, asked: Horizontal, input: &Input<'_>) -> Option<Horizontal> {
         // What is not finite the guard brakes for.
@@ -197,7 +208,7 @@ impl Evader {
             return None;
         }
         let c = &self.config;
-        let asked = asked.clamped(self.v_max_mps);
+        let asked = self.cruise(asked);
         let from = self.obeys_from(input);
         let (start, dead_s) = (from.position, self.dead_steps as f32 * self.tick_s);
         let mut moving: Vec<Other, MOVERS_MAX> = Vec::new();
@@ -220,14 +231,16 @@ impl Evader {
             state.choice_ned_mps = None;
             return None;
         }
-        if self.foresee(&from, asked, &moving, &[], f32::INFINITY) <= 0.0 {
+        if self.foresee(&from, asked, &moving, [&[]; 2], f32::INFINITY) <= 0.0 {
             state.choice_ned_mps = None;
             return None;
         }
         let mut standing: Vec<Other, STANDING_MAX> = Vec::new();
+        let is_far =
+            |away_m: f32, other: &Neighbour| away_m - other.reach_m > (self.turn_s() + STANDING_S) * self.fast_mps;
         for other in input.standing {
             let away_m = other.center_ned_m.minus(start).norm();
-            if away_m - other.reach_m > (self.turn_s() + STANDING_S) * self.fast_mps {
+            if is_far(away_m, other) {
                 continue;
             }
             // Hits of a moving obstacle.
@@ -249,6 +262,21 @@ impl Evader {
                 Other { at_m, velocity_mps, reach_m: other.reach_m, keep_m, rate_mps: 0.0 },
             );
         }
+        let mut fence: Vec<Other, SIDES_MAX> = Vec::new();
+        for side in input.fence {
+            let away_m = side.center_ned_m.minus(start).norm();
+            if !is_far(away_m, side) {
+                // Behind it already, it must not go farther out.
+                let keep_m = if side.reach_m < away_m - 0.01 { side.reach_m } else { away_m - 0.01 };
+                let (at_m, velocity_mps) = (side.center_ned_m, Horizontal::default());
+                keep_nearest(
+                    &mut fence,
+                    start,
+                    Other { at_m, velocity_mps, reach_m: side.reach_m, keep_m, rate_mps: 0.0 },
+                );
+            }
+        }
+        let still = [&standing[..], &fence[..]];
         let speed = asked.norm();
         let towards = if speed > 1e-3 { asked.times(1.0 / speed) } else { Horizontal::default() };
         let last = state.choice_ned_mps.unwrap_or(input.command_ned_mps);
@@ -266,7 +294,7 @@ impl Evader {
             }
             let given_up = progress + c.change_cost * velocity.minus(last).norm();
             if given_up < least {
-                let cost = given_up + self.foresee(&from, velocity, &moving, &standing, least - given_up);
+                let cost = given_up + self.foresee(&from, velocity, &moving, still, least - given_up);
                 if cost < least {
                     (best, least) = (velocity, cost);
                 }
@@ -315,7 +343,7 @@ impl Evader {
 
     /// Predicts a flight at one velocity: what its hits and clearance cost, or at least so much as to be no better than the best.
     #[inline(never)]
-    fn foresee(&self, from: &Start, velocity: Horizontal, moving: &[Other], standing: &[Other], least: f32) -> f32 {
+    fn foresee(&self, from: &Start, velocity: Horizontal, moving: &[Other], still: [&[Other]; 2], least: f32) -> f32 {
         let c = &self.config;
         let (mut legs, mut flown) = ([Leg::default(); STEPS], *from);
         for leg in &mut legs {
@@ -332,7 +360,8 @@ impl Evader {
         let kept_back = lagging.plus(missing.times(0.5 * missing.norm() / self.a_max_mps2));
         let last = Leg { at: flown.position.plus(kept_back), velocity };
         let mut foreseen = Foreseen::default();
-        for (others, lasts_s) in [(moving, c.horizon_s - rolled_s), (standing, STANDING_S)] {
+        let [standing, fence] = still;
+        for (others, lasts_s) in [(moving, c.horizon_s - rolled_s), (standing, STANDING_S), (fence, STANDING_S)] {
             for other in others {
                 let mut begun_s = 0.0;
                 for leg in &legs {
@@ -456,6 +485,7 @@ mod tests {
                 halfway_ned_mps: halfway,
                 underway: &underway,
                 standing: &[],
+                fence: &[],
                 moving: [&moving, &[]],
             };
             let wanted = evader.step(&mut state, asked, &input).unwrap_or(asked);
@@ -510,6 +540,7 @@ mod tests {
             halfway_ned_mps: Horizontal::default(),
             underway: &underway,
             standing: &[],
+            fence: &[],
             moving: [&[], &away],
         };
         assert_eq!(evader.step(&mut State::default(), north, &input), None);
@@ -538,6 +569,7 @@ mod tests {
                 halfway_ned_mps: draw(1.5),
                 underway: &underway,
                 standing: &standing,
+                fence: &[],
                 moving: [&moving[..20], &moving[20..]],
             };
             if let Some(velocity) = evader.step(&mut state, draw(3.0), &input) {

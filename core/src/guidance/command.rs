@@ -57,6 +57,8 @@ impl<const N: usize> Guidance<N> {
             let ownship = state.vehicle.ownship.unwrap_or_default();
             let (standing, told) = near::told_apart(&state.surroundings.near);
             let mut followed = Vec::new();
+            let mut fence = Vec::new();
+            self.guard.fence_around(situation.position_ned_m, &mut fence);
             near::followed(&self.guard, self.tracks.radius_m(), &state.surroundings.tracks, &mut followed);
             let evasion = self.evade.step(
                 &mut state.control.evade,
@@ -68,18 +70,20 @@ impl<const N: usize> Guidance<N> {
                     halfway_ned_mps: state.vehicle.wind.halfway_mps(),
                     underway: &state.vehicle.model,
                     standing,
+                    fence: &fence,
                     moving: [told, &followed],
                 },
             );
             if let Some(velocity_ned_mps) = evasion {
+                // What was asked for stays the plan's, and goes only where it has been seen.
+                situation.is_evading = velocity_ned_mps != self.evade.cruise(demand.velocity_ned_mps);
                 demand.velocity_ned_mps = velocity_ned_mps;
-                situation.is_evading = true;
             }
             // With scans, the guard has the hits of a tracked body, and the moving circles of the map. With reported
             // circles, it keeps clear of a body's present place as if it stood there; walking bodies are left to the
             // evader, since they will have left that place when the vehicle arrives.
             if !state.surroundings.tracks.has_scanned() {
-                if situation.is_evading {
+                if evasion.is_some() {
                     state.surroundings.near.retain(|one| one.velocity_ned_mps.norm_squared() < WALKS_MPS * WALKS_MPS);
                 }
                 for body in

@@ -426,7 +426,13 @@ fn in_a_crowd_the_fast_loop_heeds_the_nearest_obstacles_and_otherwise_all_that_a
         for part in circles.chunks(64) {
             guidance.map.observe_circles(&mut state.surroundings.map, Instant(1), Horizontal::default(), part).unwrap();
         }
-        near::gather(&guidance.guard, near::NEAR_M, &state.surroundings.map, Horizontal::default(), &mut state.surroundings.near);
+        near::gather(
+            &guidance.guard,
+            near::NEAR_M,
+            &state.surroundings.map,
+            Horizontal::default(),
+            &mut state.surroundings.near,
+        );
         let clearance = |o: &Neighbour| o.center_ned_m.norm() - o.reach_m;
         let mut all: StdVec<f32> = state
             .surroundings
@@ -445,6 +451,50 @@ fn in_a_crowd_the_fast_loop_heeds_the_nearest_obstacles_and_otherwise_all_that_a
             "{crowd}"
         );
     }
+}
+
+/// Somebody walks up to a vehicle that hovers beside the fence, from wherever the fence leaves room to. It gives way along the fence, as
+/// it would along a wall.
+#[test]
+fn beside_the_fence_it_gives_way_along_it() {
+    let fence = Fence::rectangle(Horizontal { north: -0.55, east: -30.0 }, Horizontal { north: 30.0, east: 30.0 });
+    let (mut runs, mut hits) = (0, 0);
+    for (direction, offset) in (0..24).flat_map(|direction| (-3..=3).map(move |offset| (direction, offset))) {
+        let heading = Horizontal::from_bearing((15.0 * direction as f32 + 7.0).to_radians());
+        let across = Horizontal { north: heading.east, east: -heading.north };
+        let from = heading.times(-3.6).plus(across.times(0.1 * offset as f32));
+        if from.north < 0.5 {
+            continue;
+        }
+        let mut config = Config::default();
+        config.guard.fence = fence;
+        let guidance = config.build::<64>().unwrap();
+        let mut state = guidance.start();
+        let mut vehicle = Vehicle::new(Horizontal::default(), 4, 0.45);
+        let mut closest_m = f32::INFINITY;
+        for step in 0..300_u64 {
+            let now = Instant(1_000_000 + step * 20_000);
+            let ned = |h: Horizontal| Ned { north: h.north, east: h.east, down: -5.0 };
+            let ownship = Ownship {
+                position_time: now,
+                position_ned_m: ned(vehicle.position),
+                velocity_ned_mps: ned(vehicle.velocity),
+                attitude_time: now,
+                ..Ownship::default()
+            };
+            let velocity_ned_mps = heading.times(1.2);
+            let center_ned_m = from.plus(velocity_ned_mps.times(step as f32 * DT));
+            let walker = [Circle { center_ned_m, radius_m: 0.3, velocity_ned_mps }];
+            let input =
+                Input { ownship: Some(ownship), circles: Some(&walker), control: Control::Granted, ..Input::at(now) };
+            vehicle.follow(&guidance.step(&mut state, &input).setpoint);
+            closest_m = closest_m.min(vehicle.position.minus(center_ned_m).norm() - 0.45);
+            assert!(fence.depth_m(vehicle.position) > 0.0);
+        }
+        runs += 1;
+        hits += u32::from(closest_m < 0.0);
+    }
+    assert!(runs == 77 && hits == 0, "{hits} of {runs}");
 }
 
 /// A column of posts comes into the list only once it is near. However fast the vehicle may be, and however slowly it brakes, that is

@@ -2,6 +2,10 @@
 
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::ned::Horizontal;
+use crate::base::obstacle::Neighbour;
+
+/// Radius of the discs that stand for sides: large against what the evader foresees, and small enough for its squares.
+const DISC_M: f32 = 100.0;
 
 /// Most corners of a polygon.
 pub const CORNERS_MAX: usize = 8;
@@ -99,6 +103,16 @@ impl Fence {
             (inwards, inwards.dot(place.minus(a)))
         });
         circle.into_iter().chain(sides)
+    }
+
+    /// Its sides, this far inside, as obstacles around a place, for a stage that knows circles only: large discs, which a side of the
+    /// fence touches where it is nearest.
+    pub(super) fn discs(&self, place: Horizontal, margin_m: f32) -> impl Iterator<Item = Neighbour> {
+        self.sides(place).map(move |(inwards, depth_m)| Neighbour {
+            center_ned_m: place.minus(inwards.times(depth_m - margin_m + DISC_M)),
+            reach_m: DISC_M,
+            ..Neighbour::default()
+        })
     }
 
     /// How far inside a place is; negative outside.

@@ -211,6 +211,12 @@ impl Guard {
         Neighbour::of(circle, self.vehicle.radius_m)
     }
 
+    /// The sides of the fence, as obstacles for a vehicle at this place.
+    pub(crate) fn fence_around(&self, place_ned_m: Horizontal, sides: &mut heapless::Vec<Neighbour, CORNERS_MAX>) {
+        // Cannot fail: a fence has no more sides.
+        let _ = self.config.fence.discs(place_ned_m, self.config.fence_margin_m).try_for_each(|side| sides.push(side));
+    }
+
     /// Adds a scan to the coverage.
     pub fn note_scan(&self, state: &mut State, scan: &Scan, pose: &Pose) {
         self.surveyor.note_scan(&mut state.coverage, scan, pose);
