@@ -227,6 +227,11 @@ pub struct State {
 }
 
 impl State {
+    /// Whether the goal has been given up, until the mode is entered again.
+    pub(super) fn has_given_up(&self) -> bool {
+        self.given_up
+    }
+
     /// A path that is found only for a moment now and then does not count: time on a path is subtracted from the time
     /// without one.
     fn follow(&mut self, now: Instant) {
@@ -284,6 +289,7 @@ impl Mission {
             state.wait(step_us);
         }
         if let Some(missing) = missing {
+            state.concluded = input.now;
             return missing;
         }
         if input.is_arriving {
@@ -344,7 +350,8 @@ impl Mission {
     fn gives_up(&self, state: &mut State, input: &Input) -> bool {
         let c = &self.config;
         let (since, from) = *state.stall_since.get_or_insert((input.now, input.place_ned_m));
-        if input.place_ned_m.minus(from).norm() > c.stall_radius_m {
+        // A clock that was set back begins anew.
+        if input.place_ned_m.minus(from).norm() > c.stall_radius_m || since > input.now {
             state.stall_since = Some((input.now, input.place_ned_m));
         } else if input.now.seconds_since(since) > c.stall_s {
             state.given_up = true;
@@ -528,6 +535,28 @@ mod tests {
                 assert_eq!(outcome(&mut state, step, true, true), Outcome::Nominal, "{progress:?} {step}");
             }
         }
+    }
+
+    #[test]
+    fn after_a_hold_a_moment_on_a_path_counts_as_that_moment() {
+        let mission = Config::default().build().unwrap();
+        let mut state = State::default();
+        let step = |state: &mut State, step: u64, has_obstacles: bool, progress: Progress| {
+            let now = Instant(NOW.0 + step * 20_000);
+            let (at, obstacles) = (Some(now), has_obstacles.then_some(now));
+            let input = Input { now, position: at, attitude: at, obstacles, bearing: at, ..fresh() };
+            let outcome = mission.admit(state, &input);
+            if outcome == Outcome::Nominal {
+                mission.conclude(state, now, progress);
+            }
+            outcome
+        };
+        // 14 s without a path, 8 s of a hold, a moment of one, and then none again: 15 s are over a second later.
+        (0..700).for_each(|k| assert_eq!(step(&mut state, k, true, Progress::NoPath), Outcome::Nominal));
+        (700..1_100).for_each(|k| assert_eq!(step(&mut state, k, false, Progress::NoPath), Outcome::StaleObstacles));
+        step(&mut state, 1_100, true, Progress::Following);
+        let given_up = (1_101..1_800).find(|k| step(&mut state, *k, true, Progress::NoPath) != Outcome::Nominal);
+        assert!(given_up.is_some_and(|k| (1_150..1_170).contains(&k)), "{given_up:?}");
     }
 
     #[test]

@@ -97,6 +97,7 @@ impl<const N: usize> Guidance<N> {
         state.plans.is_searching = self.searches
             && may_search
             && outcome == Outcome::NoSignal
+            && !state.mission.has_given_up()
             && !is_landing(state)
             && !state.plans.active.as_ref().is_some_and(has_ended);
         Decision { outcome, stale, mission, turning }
