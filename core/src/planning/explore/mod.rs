@@ -35,6 +35,9 @@ mod grid;
 pub use grid::SIDE;
 use grid::{Cell, Grid, MIDDLE, Passages, Rows, cells_of, has, ring, set};
 
+/// So many plans in a row to the source, some three seconds of signal, end a search.
+const HOMED_MIN: u8 = 5;
+
 /// How to search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -113,6 +116,8 @@ pub struct State {
     is_connected: bool,
     /// Number of searches that have ended: it changes the jitter of the next one.
     searches: u32,
+    /// Plans to the source since the last step.
+    homed: u8,
 }
 
 /// When and where a search began.
@@ -149,10 +154,28 @@ impl State {
     /// No search. All bits are zero.
     #[must_use]
     pub const fn new() -> Self {
-        Self { began: None, looked: [0; SIDE], refused: [0; SIDE], target: None, is_connected: false, searches: 0 }
+        Self {
+            began: None,
+            looked: [0; SIDE],
+            refused: [0; SIDE],
+            target: None,
+            is_connected: false,
+            searches: 0,
+            homed: 0,
+        }
     }
 
-    /// Ends the search because the signal is back: the next step begins a new search at the vehicle's position then.
+    /// The signal is back. A signal that lasts ends the search; one that comes for a moment now and then must not give it more time,
+    /// nor another place.
+    pub fn home(&mut self) {
+        self.homed = self.homed.saturating_add(1);
+        self.target = None;
+        if self.homed >= HOMED_MIN {
+            self.end();
+        }
+    }
+
+    /// Ends the search: the next step begins a new search at the vehicle's position then.
     pub fn end(&mut self) {
         if self.began.is_some() {
             *self = Self { searches: self.searches.wrapping_add(1), ..Self::new() };
@@ -203,6 +226,7 @@ impl Explorer {
         sensor: &RangeSensor,
         discs: impl Iterator<Item = &'a Disc> + Clone,
     ) -> Explored {
+        state.homed = 0;
         let here = pose.position_ned_m;
         let has_pose = here.norm_squared() < 1e12 && libm::fabsf(pose.yaw_rad) < 1e3;
         let began = match state.began {

@@ -228,6 +228,24 @@ fn a_search_ends_by_time_and_begins_anew_where_the_vehicle_is_after_its_end() {
     assert!(target.minus(elsewhere.position_ned_m).norm() < 4.0, "{target:?}");
 }
 
+/// A bearing now and then, as one false detection is, gives a search neither more time nor another place; a signal that lasts ends it.
+#[test]
+fn a_signal_that_flickers_does_not_renew_a_search() {
+    let explorer = Config { limit_s: 20.0, ..Config::default() }.build(CLEARANCE_M).unwrap();
+    let mut state = State::new();
+    let step = |state: &mut State, s: f32| {
+        explorer.step(state, seconds(s), &Pose { position_ned_m: at(s, 0.0), yaw_rad: 1.0 }, &around(2.0), [].iter())
+    };
+    for s in 0..20 {
+        assert!(matches!(step(&mut state, s as f32), Explored::Target(_)), "{s}");
+        state.home();
+    }
+    assert_eq!(step(&mut state, 21.0), Explored::TimedOut);
+    (0..HOMED_MIN).for_each(|_| state.home());
+    assert!(!state.is_searching());
+    assert!(matches!(step(&mut state, 22.0), Explored::Target(_)));
+}
+
 #[test]
 fn the_same_seed_goes_the_same_way_and_another_another() {
     let world = square(7.3);

@@ -395,7 +395,7 @@ impl Planner {
             workspace.explore.end();
         }
         let (Some(search), Some(explorer)) = (&request.search, &self.explorer) else {
-            workspace.explore.end();
+            workspace.explore.home();
             return mppi::plan(self, workspace, (request, known), request.known_source_ned_m);
         };
         match explorer.step(&mut workspace.explore, search.now, &search.pose, &self.sensor, known.iter()) {
