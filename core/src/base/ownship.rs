@@ -128,11 +128,11 @@ pub struct Ownship {
 }
 
 impl Ownship {
-    /// Yaw at an instant near the last attitude, extrapolated by the yaw rate for at most 0.1 s.
+    /// Yaw at an instant near the last attitude, extrapolated by the yaw rate for at most 0.2 s back and 0.1 s forth.
     #[must_use]
     pub fn yaw_at(&self, at: Instant) -> f32 {
         let ahead_s = at.seconds_since(self.attitude_time) - self.attitude_time.seconds_since(at);
-        wrap_pi(self.yaw_rad + self.yaw_rate_radps * ahead_s.clamp(-0.1, 0.1))
+        wrap_pi(self.yaw_rad + self.yaw_rate_radps * ahead_s.clamp(-0.2, 0.1))
     }
 
     /// The direction to a source in the body frame, `[forward, right, down]`, from its bearing relative to the nose's heading
