@@ -150,6 +150,12 @@ impl Restart {
         self.record.is_some() || !matches!(self.cause, Cause::Power | Cause::Pin)
     }
 
+    /// Whether the program was ended by a fault of its own.
+    #[must_use]
+    pub fn is_crash(&self) -> bool {
+        self.cause == Cause::Watchdog || self.record.is_some_and(|record| record.end != End::Wanted)
+    }
+
     /// The text for the pilot: at most 50 bytes, as in a `STATUSTEXT`; the rest is cut off. The number of the start
     /// is left out if it is unknown (0).
     #[must_use]

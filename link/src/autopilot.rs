@@ -1,8 +1,8 @@
 //! The autopilot's state and the vehicle's, from its messages, checked before use.
 //!
 //! The autopilot is recognised by its heartbeat: it names an autopilot software and the type of a vehicle. GUIDED is
-//! mode 4 of ArduPilot's copters (4 means other things on its planes and rovers, which are never in control here);
-//! OFFBOARD is main mode 6 of PX4.
+//! mode 4 of ArduPilot's copters (4 means other things on its planes and rovers); OFFBOARD is main mode 6 of PX4. What is no
+//! copter cannot hover, and is never commanded.
 
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::ned::Ned;
@@ -68,7 +68,7 @@ impl Autopilot {
             custom_mode: heartbeat.custom_mode,
             in_mode: match software {
                 Software::ArduPilot => heartbeat.custom_mode == GUIDED && is_copter(heartbeat),
-                Software::Px4 => (heartbeat.custom_mode >> 16) & 0xFF == OFFBOARD,
+                Software::Px4 => (heartbeat.custom_mode >> 16) & 0xFF == OFFBOARD && is_copter(heartbeat),
                 Software::Other => false,
             },
             armed: heartbeat.base_mode & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED as u8 != 0,

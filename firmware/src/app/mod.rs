@@ -126,6 +126,9 @@ pub async fn guide<B: Board>(
     // Whatever the cause of the reset: a vehicle that is flying in the mode now stays under its pilot's control until
     // the mode is left and entered again.
     flight.companion.require_entry();
+    if restart.is_crash() {
+        flight.companion.note_crash();
+    }
     tell(&mut flight, &restart, start);
     console.log.begin(&restart.words(start), true, &flight);
     let mut monitor = Monitor::new(deadline::Config::default());

@@ -178,6 +178,8 @@ pub struct Companion {
     autopilot: Option<Autopilot>,
     store_damaged: bool,
     entry_needed: bool,
+    /// Our program was ended by a fault, and the vehicle has not been disarmed since.
+    has_crashed: bool,
     paused: bool,
     /// Another component of the vehicle asked for the pause; the pilot is told so.
     paused_aboard: bool,
@@ -255,6 +257,7 @@ impl Companion {
             autopilot: None,
             store_damaged: false,
             entry_needed: false,
+            has_crashed: false,
             paused: false,
             paused_aboard: false,
             failed: false,
@@ -444,6 +447,18 @@ impl Companion {
     /// We have been restarted in flight: control is given only when the mode is left and entered again.
     pub fn require_entry(&mut self) {
         self.entry_needed = true;
+    }
+
+    /// We have been restarted by a fault, as [`Self::require_entry`]; and PX4, which enters OFFBOARD by itself as soon as setpoints come,
+    /// gets none outside of it until the vehicle is disarmed or a station requests to continue.
+    pub fn note_crash(&mut self) {
+        self.entry_needed = true;
+        self.has_crashed = true;
+    }
+
+    /// Whether the autopilot enters the mode by itself, so that out of the mode and back is no word of the pilot.
+    pub(super) fn may_reenter(&self, software: Software) -> bool {
+        self.has_crashed && software == Software::Px4
     }
 
     /// Whether the newest stored record is damaged: then the vehicle is not moved.

@@ -143,8 +143,9 @@ impl Companion {
             None => true,
         };
         let was_lost = self.autopilot.is_some_and(|known| is_over(now, known.heard, self.config.silence_after_s));
+        self.has_crashed &= autopilot.armed;
         if !autopilot.obeys() {
-            self.entry_needed = false;
+            self.entry_needed &= self.may_reenter(autopilot.software);
             self.paused = false;
         } else if was_lost && self.config.fresh_entry_after_silence {
             self.entry_needed = true;
@@ -497,6 +498,9 @@ impl Companion {
         let [param1, _] = params;
         let result = if is(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM) || is(MavCmd::MAV_CMD_DO_SET_MODE) {
             MavResult::MAV_RESULT_DENIED
+        } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && self.has_crashed && param1 == 1.0 {
+            self.has_crashed = false;
+            MavResult::MAV_RESULT_ACCEPTED
         } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && !self.obeys() {
             // It would be forgotten when the mode is entered.
             MavResult::MAV_RESULT_TEMPORARILY_REJECTED

@@ -168,7 +168,8 @@ impl Companion {
         let now = self.now;
         let slot = now.0 / (u64::from(self.config.setpoint_period_ms) * 1_000).max(1);
         let due = self.setpoint_slot.replace(slot).is_some_and(|last| last != slot);
-        let setpoint = match cause.stream(autopilot.software, autopilot.obeys(), self.config.prestream) {
+        let prestream = self.config.prestream && !self.may_reenter(autopilot.software);
+        let setpoint = match cause.stream(autopilot.software, autopilot.obeys(), prestream) {
             Stream::Silent => None,
             Stream::Zero => Some(Setpoint::default()),
             Stream::Guidance => {

@@ -562,6 +562,61 @@ fn after_a_restart_of_our_own_the_mode_must_be_entered_afresh() {
     }
 }
 
+/// PX4 leaves OFFBOARD because nobody sends, and enters it again when somebody does: that is no word of its pilot.
+#[test]
+fn after_a_crash_of_our_own_px4_does_not_hand_control_back_by_itself() {
+    let crashed = || {
+        let mut bench = Bench::new(Config::default());
+        bench.companion.note_crash();
+        bench.answers = true;
+        bench.heartbeat = Some(heartbeat(PX4, OFFBOARD, ARMED));
+        bench.output = Some(output([1.0, -0.5, -0.25], 0.125));
+        let mut flight = Flight { bench, position: [0.0; 3], yaw: 0.0, position_is_silent: false };
+        flight.run(1.0);
+        flight.assert_zero(Cause::EntryNeeded);
+        flight
+    };
+    let leave = |heartbeat: &mut HEARTBEAT_DATA| heartbeat.custom_mode = 4 << 16;
+    let mut flight = crashed();
+    let in_mode = flight.bench.heartbeat.clone().unwrap();
+    leave(flight.bench.heartbeat.as_mut().unwrap());
+    flight.run(1.1);
+    assert!(flight.setpoints(2.0).is_empty(), "what PX4 waits for is not sent");
+    flight.bench.heartbeat = Some(in_mode);
+    flight.run(1.1);
+    flight.assert_zero(Cause::EntryNeeded);
+    flight.enter_afresh(|heartbeat| heartbeat.base_mode = DISARMED);
+    flight.assert_flies();
+
+    let mut flight = crashed();
+    flight.bench.say(&MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+        target_system: 1,
+        target_component: 191,
+        command: MavCmd::MAV_CMD_DO_PAUSE_CONTINUE as u16,
+        param1: 1.0,
+        ..COMMAND_LONG_DATA::DEFAULT
+    }));
+    flight.enter_afresh(leave);
+    flight.assert_flies();
+}
+
+#[test]
+fn what_cannot_hover_is_not_commanded() {
+    for (autopilot, mode) in [(ARDUPILOT, GUIDED), (PX4, OFFBOARD)] {
+        // A wing, a rover and a tiltrotor.
+        for mavtype in [1, 10, 21] {
+            let mut bench = Bench::new(Config::default());
+            bench.answers = true;
+            bench.heartbeat = Some(HEARTBEAT_DATA { mavtype, ..heartbeat(autopilot, mode, ARMED) });
+            bench.output = Some(output([1.0, 0.0, 0.0], 0.0));
+            let mut flight = Flight { bench, position: [0.0; 3], yaw: 0.0, position_is_silent: false };
+            flight.run(1.0);
+            assert_eq!(flight.cause(), Cause::NotInMode);
+            assert!(flight.setpoints(2.0).iter().all(|setpoint| *setpoint == [0.0; 4]));
+        }
+    }
+}
+
 #[test]
 fn a_battery_that_gets_low_on_the_way_is_told_of_once() {
     let mut flight = Flight::of(ARDUPILOT);
