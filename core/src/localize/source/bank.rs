@@ -578,24 +578,4 @@ mod tests {
         assert_eq!(run(0.0), Mode::Learn);
         assert_eq!(run(1.5), Mode::Go);
     }
-
-    #[test]
-    fn any_stream_leaves_it_finite() {
-        let bank = Config::DEFAULT.build().unwrap();
-        for seed in 0..100 {
-            let (mut state, mut rng) = (State::new(), Rng::new(seed, 2));
-            for _ in 0..100 {
-                let scale = libm::expf(14.0 * rng.uniform() - 7.0);
-                let wild = |rng: &mut Rng| at(scale * rng.gaussian(), scale * rng.gaussian());
-                let lines: std::vec::Vec<Wall> =
-                    (0..3).filter_map(|_| Wall::between(wild(&mut rng), wild(&mut rng))).collect();
-                let heard = Sighting { since_s: rng.uniform(), ..sighting(wild(&mut rng), wild(&mut rng), &mut rng) };
-                if let Some(answer) = bank.step(&mut state, &heard, 2.0 * rng.uniform() - 0.5, &lines) {
-                    let estimate = answer.estimate;
-                    assert!(estimate.place_ned_m.is_finite() && estimate.range_m.is_finite(), "{estimate:?}");
-                    assert!(answer.share > 0.0 && answer.share <= 1.0);
-                }
-            }
-        }
-    }
 }

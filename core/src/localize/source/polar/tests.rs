@@ -254,56 +254,6 @@ fn the_mirror_image_of_a_filter_is_that_of_what_it_would_have_heard_there() {
 }
 
 #[test]
-fn any_stream_leaves_it_finite_symmetric_and_positive() {
-    let filter = Config::DEFAULT.build().unwrap();
-    let mut rng = Rng::new(7, 9);
-    for _ in 0..300 {
-        let (mut resting, mut moving) = (Resting::new(), Moving::new());
-        for _ in 0..200 {
-            let scale = libm::expf(20.0 * rng.uniform() - 10.0);
-            let heard = Sighting {
-                place_ned_m: Horizontal { north: scale * rng.gaussian(), east: scale * rng.gaussian() },
-                direction_ned: Horizontal::from_bearing(core::f32::consts::TAU * rng.uniform()),
-                sigma_rad: if rng.uniform() < 0.1 { f32::NAN } else { libm::expf(10.0 * rng.uniform() - 9.0) },
-                since_s: libm::expf(10.0 * rng.uniform() - 8.0),
-            };
-            filter.step(&mut resting, &heard);
-            filter.step(&mut moving, &heard);
-            let p = &moving.p;
-            assert!(moving.mean().iter().chain(p.iter().flatten()).all(|v| v.is_finite()), "{heard:?}");
-            assert!(resting.mean().iter().chain(resting.p.iter().flatten()).all(|v| v.is_finite()), "{heard:?}");
-            if moving.started {
-                assert!(cholesky(&moving), "{heard:?} {:?}", moving);
-            }
-            if resting.started {
-                assert!(cholesky(&resting), "{heard:?} {:?}", resting);
-            }
-        }
-    }
-}
-
-/// Whether the covariance has a Cholesky factor, in f64, after scaling to ones on the diagonal.
-fn cholesky<const S: usize>(state: &State<S>) -> bool {
-    let scale: [f64; S] = core::array::from_fn(|i| f64::from(state.p[i][i]).sqrt());
-    let mut l = [[0.0_f64; S]; S];
-    for i in 0..S {
-        for j in 0..=i {
-            let mut sum = f64::from(state.covariance(i, j)) / (scale[i] * scale[j]);
-            sum -= l[i].iter().zip(&l[j]).take(j).map(|(a, b)| a * b).sum::<f64>();
-            if i == j {
-                if !(sum > 0.0) {
-                    return false;
-                }
-                l[i][i] = sum.sqrt();
-            } else {
-                l[i][j] = sum / l[j][j];
-            }
-        }
-    }
-    true
-}
-
-#[test]
 fn a_config_that_cannot_be_names_its_field() {
     let field = |config: Config| config.build().unwrap_err().field;
     assert_eq!(field(Config { range_min_m: 0.0, ..Config::DEFAULT }), "source.range_min_m");
