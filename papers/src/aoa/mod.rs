@@ -10,7 +10,6 @@
 //! | `PaperSquare` | eq. 29-30, Algorithm 1 | the cotangent rule; half-plane where `theta1 > theta2`, as printed |
 //! | `PaperRepaired` | the same | half-plane where `abs theta1 > abs theta2`, as meant |
 //! | `PaperCorrelated` | the same | half-plane by cross-correlation, the alternative that section II-B names |
-//! | `TwoArray` | eq. 6-17, 50, appendix B | where the directions of A1A2 and A3A4 cross; any positions |
 //! | `TwoArray` | eq. 6-17, 50, appendix B | the intersection of the directions of A1A2 and A3A4; any positions |
 //! | `ThreeAntenna` | eq. 51 | the same with A2 = A3 |
 //!
@@ -50,7 +49,7 @@ mod square;
 #[cfg(test)]
 mod waves;
 
-pub use positions::{Violation, constraints, is_square};
+pub use positions::is_square;
 
 use pair::Antennas;
 use square::HalfPlane;
