@@ -129,12 +129,6 @@ pub struct State {
 }
 
 impl State {
-    /// Whether the margin is above zero.
-    #[must_use]
-    pub fn is_gusty(&self) -> bool {
-        self.excess_mps > 0.0
-    }
-
     /// The velocity between the two lags, which the vehicle's velocity is approaching.
     #[must_use]
     pub fn halfway_mps(&self) -> Horizontal {

@@ -128,16 +128,6 @@ impl Seeker {
         state.updated = Some(at);
         bearing_ned_rad
     }
-
-    /// The temporary target as seen from a position; `None` before the first valid bearing.
-    #[must_use]
-    pub fn target_ned_m(&self, state: &State, position_ned_m: Horizontal) -> Option<Horizontal> {
-        let norm = state.sum.norm();
-        if state.updated.is_none() || !(norm > 0.0) {
-            return None;
-        }
-        Some(position_ned_m.plus(state.sum.times(self.config.target_distance_m / norm)))
-    }
 }
 
 #[cfg(test)]
@@ -158,16 +148,6 @@ mod tests {
             quality: Quality::default(),
             flags: Flags::default(),
         }
-    }
-
-    #[test]
-    fn the_target_lies_two_metres_off_on_the_bearing() {
-        let (seeker, mut state) = (Config::default().build().unwrap(), State::default());
-        assert_eq!(seeker.target_ned_m(&state, Horizontal::default()), None);
-        let east = Ownship { yaw_rad: core::f32::consts::FRAC_PI_2, ..Ownship::default() };
-        seeker.observe(&mut state, &bearing(0, 0.01), &east);
-        let target = seeker.target_ned_m(&state, Horizontal { north: 1.0, east: 1.0 }).unwrap();
-        assert!((target.north - 1.0).abs() < 1e-5 && (target.east - 3.0).abs() < 1e-5, "{target:?}");
     }
 
     #[test]
