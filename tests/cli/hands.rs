@@ -102,6 +102,20 @@ fn the_example_beside_an_autopilot_tells_no_wrong_bearing() {
     assert!(report["bearing_rms_deg"].as_f64().unwrap() < 3.0, "{report}");
 }
 
+/// A `companion` that heard nobody tells no distances: they are null, not 0.
+#[test]
+fn a_companion_that_heard_nobody_tells_no_distances() {
+    let companion = ["companion", "--autopilot", "udpin:127.0.0.1:0", "--source", "8,3,0", "--max-time", "0.5"];
+    let output = run(&[&companion[..], &["--json"]].concat());
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((output.status.code(), &report["result"]), (Some(1), &"timeout".into()), "{report}");
+    for key in ["to_beacon_m", "straight_line_m", "min_clearance_m", "bearing_rms_deg"] {
+        assert_eq!(report.get(key), Some(&Value::Null), "{key}: {report}");
+    }
+    let text = String::from_utf8(run(&companion).stdout).unwrap();
+    assert!(text.contains("path             0.00 m\n"), "{text}");
+}
+
 /// `tlog` prints the names of messages beside their numbers.
 #[test]
 fn messages_of_a_log_have_names() {

@@ -61,7 +61,7 @@ fn fly(worlds: &[Value], setting: &str, vehicle: &str) -> Row {
         row.hit += usize::from(report.collisions > Some(0));
         if report.result == Ending::Reached {
             row.reached += 1;
-            row.pace_spm += report.time_s / report.straight_line_m;
+            row.pace_spm += report.time_s / report.straight_line_m.unwrap();
         }
     }
     row.pace_spm /= row.reached.max(1) as f64;

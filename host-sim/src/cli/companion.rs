@@ -22,7 +22,7 @@ use foxhound_sim::record::report::Recorder;
 use foxhound_sim::scenario::input::{DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, read_text};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::fly::{EstimatorName, Via, Written, look, planner_parser};
+use super::fly::{EstimatorName, Via, Written, look, path, planner_parser};
 use super::live::{LiveArgs, Watched};
 use super::radio::RadioArgs;
 use super::terminal::{interrupted, say, show_as, stop_flag, warn};
@@ -474,10 +474,7 @@ fn word(ending: Ending) -> &'static str {
 fn summary(report: &Report) -> String {
     let reason = if report.result == Ending::Reached { String::new() } else { format!(" ({})", report.reason) };
     let mut text = format!("{}{reason} after {:.1} s in control\n", word(report.result), report.time_s);
-    text += &format!(
-        "  path             {:.2} m to {:.2} m from the beacon, straight line to the beacon {:.2} m\n",
-        report.path_length_m, report.to_beacon_m, report.straight_line_m
-    );
+    text += &path(report);
     if let Some(clearance_m) = report.min_clearance_m {
         text += &format!("  least clearance  {clearance_m:.3} m\n");
     }

@@ -13,7 +13,7 @@ use foxhound_core::planning::planner;
 use foxhound_papers::apf;
 use foxhound_sim::autopilot::tlog;
 use foxhound_sim::drive::computer::{Computer, HostComputer};
-use foxhound_sim::drive::flight::{self, Ending, Mission, Record};
+use foxhound_sim::drive::flight::{self, Ending, Mission, Record, Report};
 use foxhound_sim::drive::g474::{self, G474Computer, Needs};
 use foxhound_sim::drive::qemu::QemuComputer;
 use foxhound_sim::record::report::{Beside, Recorder};
@@ -352,6 +352,18 @@ pub(super) fn look(ending: Ending) -> Style {
     }
 }
 
+/// The line about the path and its ends, as far as they are known.
+pub(super) fn path(report: &Report) -> String {
+    let mut text = format!("  path             {:.2} m", report.path_length_m);
+    if let Some(to_beacon_m) = report.to_beacon_m {
+        let _ = write!(text, " to {to_beacon_m:.2} m from the beacon");
+    }
+    if let Some(straight_line_m) = report.straight_line_m {
+        let _ = write!(text, ", straight line to the beacon {straight_line_m:.2} m");
+    }
+    text + "\n"
+}
+
 /// A flight for people.
 fn summary(record: &Record, plot: Option<&Path>, page: Option<&Path>) -> String {
     let report = &record.report;
@@ -365,11 +377,7 @@ fn summary(record: &Record, plot: Option<&Path>, page: Option<&Path>) -> String 
     let mut text = String::new();
     let reason = if report.result == Ending::Reached { String::new() } else { format!(" ({})", report.reason) };
     let _ = writeln!(text, "{}: {word}{reason} after {:.1} s", report.name, report.time_s);
-    let _ = writeln!(
-        text,
-        "  path             {:.2} m to {:.2} m from the beacon, straight line to the beacon {:.2} m",
-        report.path_length_m, report.to_beacon_m, report.straight_line_m
-    );
+    text += &path(report);
     if let Some(clearance_m) = report.min_clearance_m {
         let _ = writeln!(text, "  least clearance  {clearance_m:.3} m");
     }

@@ -286,7 +286,7 @@ pub fn wait_for_line(line: &mut Line, stop: &AtomicBool, limit_s: Option<f64>) -
 #[must_use]
 pub fn nobody_there(config: &Config) -> Report {
     let eyes = provider::Chooser::new(&config.obstacles).eyes();
-    Tally::new(Horizontal::default(), config.drone_radius_m).report(
+    Tally::new(None, config.drone_radius_m).report(
         config.seed,
         Ending::Timeout,
         Outcome::LinkLost,
@@ -320,7 +320,7 @@ pub fn fly(
         bearings,
         source,
         senses: Senses::new(config.source_ned_m, config.snr_db, &scenario, config.seed, sign(), &config.obstacles)?,
-        tally: Tally::new(source, config.drone_radius_m),
+        tally: Tally::new(config.is_source_known.then_some(source), config.drone_radius_m),
         wire: Wire::new(sign()),
         started_us: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_micros() as u64),
         complaints: Vec::new(),

@@ -363,7 +363,8 @@ fn legend<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
     };
     page.text(&title, (left + 16.0, 133.0), 18.0, color, here)?;
 
-    let clearance = report.min_clearance_m.map_or_else(|| "-".to_owned(), |metres| format!("{metres:.2} m"));
+    let in_metres = |metres: Option<f64>| metres.map_or_else(|| "-".to_owned(), |metres| format!("{metres:.2} m"));
+    let clearance = in_metres(report.min_clearance_m);
     let error = report.bearing_rms_deg.map_or_else(|| "-".to_owned(), |degrees| format!("{degrees:.2} deg rms"));
     let vehicle = match record.scenario.vehicle.model {
         VehicleModel::Point => "point mass",
@@ -371,7 +372,7 @@ fn legend<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
     };
     let facts = [
         ("path", format!("{:.2} m", report.path_length_m)),
-        ("straight line", format!("{:.2} m", report.straight_line_m)),
+        ("straight line", in_metres(report.straight_line_m)),
         ("least clearance", clearance),
         ("bearing error", error),
         ("plans", report.replans.to_string()),

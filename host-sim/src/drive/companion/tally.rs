@@ -17,7 +17,8 @@ const STILL_S: f32 = 3.0;
 
 #[derive(Debug)]
 pub(super) struct Tally {
-    source: Horizontal,
+    /// Where the beacon is, if that is known.
+    source: Option<Horizontal>,
     radius_m: f64,
     start: Option<Horizontal>,
     last_step: Option<Instant>,
@@ -37,7 +38,7 @@ pub(super) struct Tally {
 }
 
 impl Tally {
-    pub(super) fn new(source: Horizontal, radius_m: f64) -> Self {
+    pub(super) fn new(source: Option<Horizontal>, radius_m: f64) -> Self {
         Self {
             source,
             radius_m,
@@ -88,8 +89,8 @@ impl Tally {
     pub(super) fn hear(&mut self, output: &Output, fix: Option<&Fix>, planned: bool) {
         self.trace_hash = output.trace_hash;
         self.replans += u32::from(planned);
-        if let (Some(bearing_ned_rad), Some(fix)) = (output.bearing_ned_rad, fix) {
-            let truth_rad = self.source.minus(fix.place()).bearing_rad();
+        if let (Some(bearing_ned_rad), Some(fix), Some(source)) = (output.bearing_ned_rad, fix, self.source) {
+            let truth_rad = source.minus(fix.place()).bearing_rad();
             let error_rad = wrap_pi(f64::from(bearing_ned_rad) - truth_rad);
             self.bearing_errors = (self.bearing_errors.0 + error_rad * error_rad, self.bearing_errors.1 + 1);
         }
@@ -107,6 +108,7 @@ impl Tally {
     /// The object that is printed.
     pub(super) fn report(&self, seed: u64, result: Ending, reason: Outcome, eyes: Eyes) -> Report {
         let (squares, bearings) = self.bearing_errors;
+        let from = |place: Option<Horizontal>| Some(self.source?.minus(place?).norm());
         Report {
             name: "companion".to_owned(),
             seed,
@@ -114,8 +116,8 @@ impl Tally {
             reason: reason.name(),
             time_s: self.time_s,
             path_length_m: self.path_length_m,
-            to_beacon_m: self.place.map_or(0.0, |place| self.source.minus(place).norm()),
-            straight_line_m: self.start.map_or(0.0, |start| self.source.minus(start).norm()),
+            to_beacon_m: from(self.place),
+            straight_line_m: from(self.start),
             min_clearance_m: Some(self.min_clearance_m).filter(|clearance| clearance.is_finite()),
             collisions: eyes.is_simulated().then_some(u32::from(self.collided)),
             obstacles: Some(eyes.name()),
@@ -151,7 +153,7 @@ mod tests {
         let world =
             Scenario { obstacles: vec![Obstacle { y: 5.0, r: 0.5, ..Obstacle::default() }], ..Default::default() };
         let world = world.world();
-        let mut tally = Tally::new(Horizontal { north: 8.0, east: 0.0 }, 0.15);
+        let mut tally = Tally::new(Some(Horizontal { north: 8.0, east: 0.0 }), 0.15);
         for step in 0..=100_u64 {
             let (time_us, north) = (step * 100_000, step as f64 * 0.05);
             // Control is taken away from 3 s to 6 s.
@@ -160,16 +162,28 @@ mod tests {
         }
         let report = tally.report(1, Ending::Collision, Outcome::Nominal, Eyes::File);
         assert!((report.time_s - 6.9).abs() < 1e-3 && (report.path_length_m - 3.45).abs() < 1e-9, "{report:?}");
-        assert_eq!((report.straight_line_m, report.collisions, report.obstacles), (8.0, Some(1), Some("file")));
+        assert_eq!((report.straight_line_m, report.collisions, report.obstacles), (Some(8.0), Some(1), Some("file")));
         assert!((report.min_clearance_m.unwrap() + 0.65).abs() < 1e-9);
         let report = tally.report(1, Ending::Reached, Outcome::Nominal, Eyes::Autopilot);
         assert_eq!((report.collisions, report.obstacles), (None, Some("autopilot")), "nobody can know");
     }
 
     #[test]
+    fn a_distance_of_which_one_end_is_unknown_is_not_told() {
+        let world = Scenario::default().world();
+        let known = Some(Horizontal { north: 8.0, east: 0.0 });
+        for (source, flies, expected) in [(known, false, None), (None, true, None), (known, true, Some(7.0))] {
+            let mut tally = Tally::new(source, 0.15);
+            tally.step(Instant(0), &world, Some(&fix(0, 1.0)), flies);
+            let report = tally.report(1, Ending::Timeout, Outcome::Nominal, Eyes::Autopilot);
+            assert_eq!((report.to_beacon_m, report.straight_line_m), (expected, expected), "{source:?}, {flies}");
+        }
+    }
+
+    #[test]
     fn a_vehicle_that_has_moved_little_for_three_seconds_stands_still() {
         let world = Scenario::default().world();
-        let mut tally = Tally::new(Horizontal::default(), 0.15);
+        let mut tally = Tally::new(Some(Horizontal::default()), 0.15);
         for step in 0..=30_u64 {
             assert!(!tally.is_still(Instant(step * 99_000)));
             tally.step(Instant(step * 100_000), &world, Some(&fix(step * 100_000, 0.002 * step as f64)), true);

@@ -47,11 +47,11 @@ pub struct Report {
     pub time_s: f64,
     /// Length of the path flown.
     pub path_length_m: f64,
-    /// Distance from the start to the goal's position at the end.
-    pub straight_line_m: f64,
+    /// Distance from the start to the goal's position at the end; `None` where one of them is unknown.
+    pub straight_line_m: Option<f64>,
     /// Horizontal distance to the beacon at the end: a flight ends within the goal tolerance of it. With it the path is never
-    /// shorter than the straight line.
-    pub to_beacon_m: f64,
+    /// shorter than the straight line. `None` where it is unknown.
+    pub to_beacon_m: Option<f64>,
     /// Smallest distance between hull and pillars; `None` in a world without pillars.
     pub min_clearance_m: Option<f64>,
     /// Collisions, 0 or 1: the first one ends the flight; `None` where the true obstacles are unknown.
