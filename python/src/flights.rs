@@ -61,7 +61,7 @@ pub(crate) fn fly<'py>(
         params.iter().flatten().try_for_each(|(name, value)| given.set(name, *value))?;
         given.check_link()?;
         given.apply(&mut config);
-        let mut computer = HostComputer::new(&config)?;
+        let mut computer = HostComputer::new(&config).map_err(|error| given.beside(&config).named(error))?;
         let mut steps = Vec::new();
         let watch = |moment: &Moment<'_>| steps.push(Step { sample: *moment.sample, output: *moment.output });
         let record = fly_until(&mission, &mut computer, None, stop, watch);

@@ -57,8 +57,8 @@ fn bad_values_are_refused_by_name() {
         ("FH_OBS_REQ = 0.5", ["FH_OBS_REQ = 0.5", "not a whole number"]),
         ("[FH_SPD_MAX]\nx = 1", ["FH_SPD_MAX", "expected a number, not table"]),
         ("FH_SPD_MAX = 1\nFH_SPD_MAX = 2", ["FH_SPD_MAX", "duplicate key"]),
-        ("FH_ARR_SIDE = 0.2", ["side_m = 0.2", "half a wavelength"]),
-        ("FH_HB_TMO = 6.0", ["link.silence_after_s", "link.heartbeat_timeout_s"]),
+        ("FH_ARR_SIDE = 0.2", ["FH_ARR_SIDE = 0.2", "half a wavelength"]),
+        ("FH_HB_TMO = 6.0", ["FH_SILENT = 5", "(FH_HB_TMO)"]),
         ("FH_SPD_MAX == 1", ["bad.toml", "line 1"]),
     ] {
         std::fs::write(&file, content).unwrap();
@@ -75,6 +75,38 @@ fn bad_values_are_refused_by_name() {
         let output = run(&["params", "--set", assignment]);
         assert_eq!(output.status.code(), Some(2), "{assignment}");
         assert!(String::from_utf8_lossy(&output.stderr).contains(word), "{assignment}");
+    }
+}
+
+/// Values that do not fit one another are refused by the names of parameters, with the values of those that they must fit.
+#[test]
+fn values_that_do_not_fit_one_another_are_refused_by_the_names_of_parameters() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("bad.toml");
+    for (content, words) in [
+        ("FH_ARR_SIDE = 0.2", ["FH_ARR_SIDE = 0.2", "(FH_WAVELEN = 0.345)"]),
+        ("FH_WAVELEN = 0.1", ["FH_ARR_SIDE = 0.138", "(FH_WAVELEN = 0.1)"]),
+        ("FH_MARGIN = 0.01", ["FH_MARGIN_TGT = 0.02 is outside 0..=0.01", "(FH_MARGIN = 0.01)"]),
+        ("FH_SMP_RATE = 50000", ["FH_TONE_HI = 49000", "FH_SMP_RATE = 50000"]),
+        ("FH_TONE = 60000", ["FH_TONE = 60000 is outside", "(FH_SMP_RATE = 102400)"]),
+        ("FH_BRG_SRC = 1\nFH_OBS_SRC = 1", ["FH_BRG_SRC = 1", "FH_OBS_SRC = 1"]),
+        ("FH_BRG_SRC = 2\nFH_TURN = 2", ["FH_BRG_SRC", "FH_TURN = 2"]),
+        ("FH_TURN = 2\nFH_TURN_RATE = 3", ["FH_TURN_RATE = 3", "(FH_YAWR_MAX = 2.5)"]),
+        ("FH_TURN = 2\nFH_TURN_RATE = 0.1", ["FH_TURN_RATE = 0.1 is outside", ""]),
+        ("FH_FENCE_R = 0.5", ["FH_FENCE_R = 0.5 is outside 1..=", ""]),
+        ("FH_SRCH_TIME = 0.5", ["FH_SRCH_TIME = 0.5 is outside 1..=3600", ""]),
+        ("FH_SRCH_TIME = 9\nFH_RADIUS = 3", ["FH_RADIUS + FH_MARGIN = 3.05 is outside 0..=2", "FH_RADIUS = 3"]),
+        ("FH_HB_TMO = 9", ["FH_SILENT = 5", "(FH_HB_TMO = 9)"]),
+    ] {
+        std::fs::write(&file, content).unwrap();
+        for command in [["params", "--file"], ["fly", "--params"]] {
+            let output = run(&[command[0], command[1], &file.to_string_lossy()]);
+            let text = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(2), "{command:?} {content}: {text}");
+            assert!(words.iter().all(|word| text.contains(word)), "{command:?} {content}: {text}");
+            let inner = ["link.", "planner.", "phase.", "turning.", "guard.", "explore.", "radio =", "side_m", "_mps"];
+            assert!(!inner.iter().any(|word| text.contains(word)), "{command:?} {content}: {text}");
+        }
     }
 }
 

@@ -217,14 +217,14 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         if args.plot.is_none() { cli.claim(path) } else { check_writable("--plot", args.plot.as_ref()) }?;
     }
     let mut config = mission.guidance();
+    let mut given = Given::default();
     if let Some(path) = &args.params {
-        let mut given = Given::default();
         given.read(path)?;
-        given.check_link()?;
+        given.check_link().map_err(|error| error.in_file(path))?;
         given.apply(&mut config);
     }
     // Checked here for every computer, so that a refused field is named the same way.
-    let host = HostComputer::new(&config)?;
+    let host = HostComputer::new(&config).map_err(|error| given.beside(&config).named(error))?;
     let recorder = || Recorder::new(&mission, &config, command_line());
     let mut watched = Watched::new(&args.live, args.report.as_deref(), recorder)?;
     let mut computer: Box<dyn Computer> = match &args.via {

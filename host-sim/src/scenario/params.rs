@@ -4,6 +4,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use foxhound_core::ConfigError;
 use foxhound_core::guidance;
 use foxhound_core::guidance::param::{self, Id, Kind, Param, TABLE, Values};
 use foxhound_link::companion;
@@ -14,11 +15,37 @@ use super::output;
 /// Samples in a frame; they limit how narrow a tone's band can be.
 const SAMPLES: usize = 256;
 
+/// Fields of a configuration that are refused because of others, the parameters that hold them, and those that they must fit.
+const TOGETHER: [(&str, &str, &[&str]); 16] = [
+    ("vehicle.radius_m + planner.margin_m", "FH_RADIUS + FH_MARGIN", &["FH_RADIUS", "FH_MARGIN"]),
+    ("link.heartbeat_timeout_s", "FH_HB_TMO", &["FH_SILENT"]),
+    ("link.silence_after_s", "FH_SILENT", &["FH_HB_TMO"]),
+    ("side_m", "FH_ARR_SIDE", &["FH_WAVELEN"]),
+    ("planner.tight_margin_m", "FH_MARGIN_TGT", &["FH_MARGIN"]),
+    ("phase.tone_band_hz", "FH_TONE_LO, FH_TONE_HI", &["FH_TONE_LO", "FH_TONE_HI", "FH_SMP_RATE"]),
+    ("phase.tone_hz", "FH_TONE", &["FH_SMP_RATE"]),
+    ("radio", "FH_BRG_SRC", &["FH_OBS_SRC", "FH_TURN"]),
+    ("turning.yaw_rate_radps", "FH_TURN_RATE", &["FH_YAWR_MAX"]),
+    ("rotating.rotation_max_s", "the longest rotation", &[]),
+    ("guard.fence.radius_m", "FH_FENCE_R", &[]),
+    ("explore.limit_s", "FH_SRCH_TIME", &[]),
+    ("vehicle_model.dead_time_s", "FH_DEAD_TIME", &[]),
+    ("vehicle.radius_m", "FH_RADIUS", &[]),
+    ("planner.margin_m", "FH_MARGIN", &[]),
+    ("guard.v_max_mps", "FH_SPD_MAX", &[]),
+];
+
 /// The given parameters, and the full set with them.
 #[derive(Clone, Debug, Default)]
 pub struct Given {
     values: Values,
     ids: Vec<Id>,
+}
+
+impl From<Values> for Given {
+    fn from(values: Values) -> Self {
+        Self { values, ids: Id::all().collect() }
+    }
 }
 
 impl Given {
@@ -84,6 +111,14 @@ impl Given {
         self.ids.iter().for_each(|id| values.apply_one(*id, config));
     }
 
+    /// The given parameters, with all others as a configuration has them.
+    #[must_use]
+    pub fn beside(&self, config: &guidance::Config) -> Self {
+        let mut values = Values::of(config);
+        self.overrule(&mut values);
+        Self { values, ids: self.ids.clone() }
+    }
+
     /// Writes only the given parameters over other values.
     pub fn overrule(&self, values: &mut Values) {
         for id in &self.ids {
@@ -99,8 +134,24 @@ impl Given {
     pub fn check(&self) -> Result<(), InputError> {
         let mut config = guidance::Config::default();
         self.values.apply(&mut config);
-        config.build::<SAMPLES>()?;
+        config.build::<SAMPLES>().map_err(|error| self.named(error))?;
         self.check_link()
+    }
+
+    /// The error in the words of the parameters, with the values of those that the refused one must fit.
+    #[must_use]
+    pub fn named(&self, error: ConfigError) -> InputError {
+        let is_given = |names: &[&str]| self.ids.iter().any(|id| names.contains(&id.name()));
+        let found = TOGETHER.iter().find(|(field, ..)| *field == error.field);
+        // What no given parameter has to do with is the fault of a scenario.
+        let Some((_, _, others)) = found.filter(|(_, name, others)| is_given(&[name]) || is_given(others)) else {
+            return error.into();
+        };
+        let words = |text: String, (field, name, _): &(&str, &str, _)| text.replace(field, name);
+        let text = TOGETHER.iter().fold(error.to_string(), words);
+        let other = |name: &&str| Some(format!("{name} = {}", self.values.get(Id::named(name.as_bytes())?)));
+        let others: Vec<String> = others.iter().filter_map(other).collect();
+        InputError::new(if others.is_empty() { text } else { format!("{text} ({})", others.join(", ")) })
     }
 
     /// Checks whether those of the link fit together; those of guidance are checked with the rest of its
@@ -115,7 +166,8 @@ impl Given {
             silence_after_s: self.values.get(param::FH_SILENT),
             ..companion::Config::default()
         }
-        .build()?;
+        .build()
+        .map_err(|error| self.named(error))?;
         Ok(())
     }
 }

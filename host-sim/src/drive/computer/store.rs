@@ -27,7 +27,7 @@ impl HostComputer {
         let mut computer = Self::new(config)?;
         let store = Store { path: path.to_owned(), base: *config };
         let values = store.read()?;
-        computer.parts().0.run_with(values)?;
+        computer.parts().0.run_with(values).map_err(|error| Given::from(values).named(error).in_file(path))?;
         computer.store = Some(store);
         Ok(computer)
     }
