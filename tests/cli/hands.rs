@@ -105,7 +105,7 @@ fn the_example_beside_an_autopilot_tells_no_wrong_bearing() {
 /// A `companion` that heard nobody tells no distances: they are null, not 0.
 #[test]
 fn a_companion_that_heard_nobody_tells_no_distances() {
-    let companion = ["companion", "--autopilot", "udpin:127.0.0.1:0", "--source", "8,3,0", "--max-time", "0.5"];
+    let companion = ["companion", "--autopilot", "udpin:127.0.0.1:39471", "--source", "8,3,0", "--max-time", "0.5"];
     let output = run(&[&companion[..], &["--json"]].concat());
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((output.status.code(), &report["result"]), (Some(1), &"timeout".into()), "{report}");
