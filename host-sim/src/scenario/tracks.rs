@@ -2,7 +2,7 @@
 //!
 //! CSV with a line of column names. The columns `time_s`, `person`, `x`, `y` are read, in any order; others are
 //! ignored. A person is any text; the times of a person must increase, with lines of others in between allowed. A
-//! person with one line never appears.
+//! person with one line is there for no time at all and never appears; a file in which nobody appears is refused.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -58,6 +58,11 @@ fn parse(text: &str) -> Result<Vec<(String, Person)>, InputError> {
         track.push([time_s, x, y]);
     }
     people.retain(|(_, person)| person.track.len() > 1);
+    if people.is_empty() {
+        return Err(InputError::new(
+            "nobody appears: a person needs at least two lines, each with a time_s of its own",
+        ));
+    }
     Ok(people)
 }
 
@@ -121,6 +126,8 @@ mod tests {
             let error = parse(text).unwrap_err().to_string();
             assert!(error.starts_with(named), "{error}");
         }
-        assert_eq!(parse("time_s,person,x,y\n").unwrap(), []);
+        for nobody in ["time_s,person,x,y\n", "time_s,person,x,y\n0,a,1,2\n0,b,3,2\n"] {
+            assert!(parse(nobody).unwrap_err().to_string().starts_with("nobody appears: a person needs"), "{nobody}");
+        }
     }
 }
