@@ -268,6 +268,13 @@ fn print_schema(cli: &Cli) -> Result<ExitCode, InputError> {
 fn read_log(cli: &Cli, args: &TlogCommand) -> Result<ExitCode, InputError> {
     let bytes = std::fs::read(&args.file).map_err(|error| InputError::new(error.to_string()).in_file(&args.file))?;
     let summary = if args.raw { tlog::read_raw(&bytes) } else { tlog::read_stamped(&bytes) };
+    if summary.frames == 0 {
+        let count = bytes.len();
+        let text = format!(
+            "no MAVLink frame in {count} bytes; a telemetry log has one behind every time stamp (--raw: no stamps)"
+        );
+        return Err(InputError::new(text).in_file(&args.file));
+    }
     if cli.json {
         say(&json_line(&summary)?);
     } else {
