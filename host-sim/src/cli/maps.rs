@@ -78,7 +78,7 @@ pub(super) struct MapsCommand {
         long,
         value_name = "P",
         default_value_t = 40,
-        value_parser = whole::<u32>(0..=10_000),
+        value_parser = whole::<u32>(1..=10_000),
         allow_negative_numbers = true
     )]
     pairs: u32,
