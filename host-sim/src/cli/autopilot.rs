@@ -174,7 +174,9 @@ impl Pilot {
 
 pub(super) fn autopilot(cli: &Cli, args: &AutopilotCommand) -> Result<ExitCode, InputError> {
     for (axis, value) in ["N", "E", "ALT"].into_iter().zip(args.start) {
-        check(&format!("--start: {axis}"), value, -10_000.0, 10_000.0)?;
+        // An altitude is up: a negative one is a down coordinate by mistake.
+        let least = if axis == "ALT" { 0.0 } else { -10_000.0 };
+        check(&format!("--start: {axis}"), value, least, 10_000.0)?;
     }
     if let Some(max_time_s) = args.max_time {
         check_within("--max-time", max_time_s, &MAX_TIME_S)?;
