@@ -58,7 +58,7 @@ enum Name {
     /// Filters in line of sight and behind walls; paths on which bearings give more information (mmWave paper, fig.
     /// 2 to 4 and Table 2).
     Localize,
-    /// Agents that search for a transmitter indoors by its angle of arrival (belief-space paper, Table 3, fig. 5
+    /// Agents that search for a transmitter indoors by its angle of arrival (mmWave paper, Table 3, fig. 5
     /// and 6).
     Mmwave,
     /// Four potential fields in four scenes with local minima (variants paper, Table I).

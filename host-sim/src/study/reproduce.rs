@@ -7,7 +7,7 @@
 //! - [`density`], `apf-density`: the main paper's planners on maps of growing obstacle density (Table I, fig. 9 and 10).
 //! - [`localize`]: the mmWave paper's filters in line of sight and behind walls (fig. 2 and 3).
 //! - [`variants`], `apf-variants`: the variants paper's four potential fields in its four scenes (Table I).
-//! - [`mmwave`], `mmwave`: agents that search for a transmitter indoors (belief-space paper, Table 3, fig. 5 and 6).
+//! - [`mmwave`], `mmwave`: agents that search for a transmitter indoors (mmWave paper, Table 3, fig. 5 and 6).
 //! - [`multipath`], `multipath`: the closed loop among walls that reflect, with and without filters.
 //! - [`stretch`], `stretch`: excess travel of a vehicle that follows its turning antenna, outliers among its measurements (fig. 3
 //!   and 4 of the rotating vehicle's paper), the discs of its lemmas, and a source that moves.

@@ -16,7 +16,7 @@ pub struct Settings {
     pub scenes: u32,
     /// Trials of each condition, of `stretch`.
     pub trials: u32,
-    /// Scenarios, of `mmwave`: as many as the belief-space paper has.
+    /// Scenarios, of `mmwave`: as many as the mmWave paper has.
     pub scenarios: u32,
 }
 
