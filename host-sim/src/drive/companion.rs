@@ -286,12 +286,7 @@ pub fn wait_for_line(line: &mut Line, stop: &AtomicBool, limit_s: Option<f64>) -
 #[must_use]
 pub fn nobody_there(config: &Config) -> Report {
     let eyes = provider::Chooser::new(&config.obstacles).eyes();
-    Tally::new(None, config.drone_radius_m).report(
-        config.seed,
-        Ending::Timeout,
-        Outcome::LinkLost,
-        eyes,
-    )
+    Tally::new(None, config.drone_radius_m).report(config.seed, Ending::Timeout, Outcome::LinkLost, eyes)
 }
 
 /// Flies with a computer until the flight ends; `stop` ends it at any time. `watch` is called with the state and, while
