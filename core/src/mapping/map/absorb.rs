@@ -116,7 +116,7 @@ impl Covered<'_> {
 }
 
 /// A scan, to look up the sector in a direction.
-pub(super) struct View<'a> {
+struct View<'a> {
     scan: &'a Scan,
     origin_ned_m: Horizontal,
     /// Azimuth of the middle of the first sector, from north.
@@ -127,37 +127,14 @@ pub(super) struct View<'a> {
     outermost_ray: f32,
 }
 
-impl<'a> View<'a> {
-    pub(super) fn new(scan: &'a Scan, pose: &Pose) -> Self {
-        Self {
-            scan,
-            origin_ned_m: pose.position_ned_m,
-            first_ned_rad: pose.yaw_rad + scan.first_azimuth_rad,
-            turn: scan.turn().map(|turn| turn as i32),
-            outermost_ray: scan.in_sectors(RAYS_MAX).outermost_ray(),
-        }
-    }
-
-    /// The ray towards a circle, from the first.
-    fn toward(&self, away: Horizontal) -> f32 {
-        let middle = wrap_pi(away.bearing_rad() - self.first_ned_rad) / self.scan.step_rad;
-        // A scan of more than half a turn continues beyond the wrap.
-        if middle < -0.5 { middle + core::f32::consts::TAU / libm::fabsf(self.scan.step_rad) } else { middle }
-    }
-
-    /// Whether the scan says nothing about a circle: it is out of view, or hidden.
-    pub(super) fn misses(&self, known: &Known) -> bool {
-        let away = known.center_ned_m.minus(self.origin_ned_m);
-        match self.sector(whole_below(self.toward(away) + 0.5)) {
-            Sector::Clear => false,
-            Sector::Hit(hit_m) => hit_m < away.norm() - known.radius_m - FRONT_M,
-            Sector::Unknown => true,
-        }
-    }
-
+impl View<'_> {
     /// Whether the sensor sees something behind a circle, or nothing at its position.
     fn passes(&self, known: &Known, away: Horizontal, distance_m: f32) -> bool {
-        let middle = self.toward(away);
+        let mut middle = wrap_pi(away.bearing_rad() - self.first_ned_rad) / self.scan.step_rad;
+        // A scan of more than half a turn continues beyond the wrap.
+        if middle < -0.5 {
+            middle += core::f32::consts::TAU / libm::fabsf(self.scan.step_rad);
+        }
         // A hit nearer than this is on the circle or in front of it.
         let (front_m, side_m) = if known.origin == Origin::Given {
             (distance_m + known.radius_m + 0.1, f32::INFINITY)
@@ -177,17 +154,13 @@ impl<'a> View<'a> {
         low <= high && (self.passes_sector(low, side_m) || self.passes_sector(high, side_m))
     }
 
-    fn sector(&self, index: i32) -> Sector {
+    fn passes_sector(&self, index: i32, limit_m: f32) -> bool {
         let index = match self.turn {
             Some(turn) if index < 0 => index + turn,
             Some(turn) if index >= turn => index - turn,
             _ => index,
         };
-        usize::try_from(index).map_or(Sector::Unknown, |index| self.scan.rays.get(index))
-    }
-
-    fn passes_sector(&self, index: i32, limit_m: f32) -> bool {
-        match self.sector(index) {
+        match usize::try_from(index).map_or(Sector::Unknown, |index| self.scan.rays.get(index)) {
             Sector::Clear => true,
             Sector::Hit(hit_m) => hit_m > limit_m && hit_m <= self.scan.range_max_m,
             Sector::Unknown => false,
@@ -286,7 +259,13 @@ impl Mapper {
     /// Counts, for every circle within the range of a scan, the scans in a row that see through it, and marks those
     /// with too many to be forgotten.
     pub(super) fn judge(&self, map: &mut Map, scan: &Scan, pose: &Pose) {
-        let view = View::new(scan, pose);
+        let view = View {
+            scan,
+            origin_ned_m: pose.position_ned_m,
+            first_ned_rad: pose.yaw_rad + scan.first_azimuth_rad,
+            turn: scan.turn().map(|turn| turn as i32),
+            outermost_ray: scan.in_sectors(RAYS_MAX).outermost_ray(),
+        };
         for known in &mut map.known {
             let away = known.center_ned_m.minus(view.origin_ned_m);
             let squared = away.norm_squared();

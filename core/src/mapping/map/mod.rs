@@ -39,7 +39,6 @@ mod index;
 mod motion;
 mod thin_out;
 
-use absorb::View;
 use index::Index;
 use motion::{Motion, Sighting};
 
@@ -378,27 +377,23 @@ impl Mapper {
         Ok(())
     }
 
-    /// Forgets circles fitted to hits where moving objects are now, of those that the scan would see if they stood there: not what is
-    /// hidden or out of view.
+    /// Forgets circles fitted to hits where moving objects are now.
     #[inline(never)]
-    pub fn vacate(&self, map: &mut Map, scan: &Scan, pose: &Pose, centers_ned_m: &[Horizontal], radius_m: f32) {
+    pub fn vacate(&self, map: &mut Map, centers_ned_m: &[Horizontal], radius_m: f32) {
         let squared_m2 = radius_m * radius_m;
         let is_left =
             |place: Horizontal| centers_ned_m.iter().any(|center| place.minus(*center).norm_squared() < squared_m2);
         if !centers_ned_m.is_empty() {
-            let view = View::new(scan, pose);
-            map.known
-                .retain(|known| known.origin == Origin::Given || !is_left(known.center_ned_m) || view.misses(known));
+            map.known.retain(|known| known.origin == Origin::Given || !is_left(known.center_ned_m));
         }
     }
 
-    /// Moves circles on with their velocity, and forgets moving ones that were unseen for too long, or whose age is not known since the
-    /// clock was set back.
+    /// Moves circles on with their velocity, and forgets moving ones that were unseen for too long.
     pub fn advance(&self, map: &mut Map, now: Instant) {
         if map.carried == now {
             return;
         }
-        let (dt_s, is_set_back) = (now.seconds_since(map.carried), now < map.carried);
+        let dt_s = now.seconds_since(map.carried);
         map.carried = now;
         let (memory_s, now_ms) = (self.config.moving_memory_s, millis(now));
         map.known.retain_mut(|known| {
@@ -407,7 +402,7 @@ impl Mapper {
                 return true;
             }
             known.center_ned_m = known.center_ned_m.plus(velocity.times(dt_s));
-            !is_set_back && seconds_between(known.seen_ms, now_ms) <= memory_s && known.circle().is_plausible()
+            seconds_between(known.seen_ms, now_ms) <= memory_s && known.circle().is_plausible()
         });
     }
 

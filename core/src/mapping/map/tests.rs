@@ -94,26 +94,6 @@ fn a_guess_from_far_is_forgotten_when_its_pillar_is_measured_from_near() {
     assert!(circles.len() == 1 && circles[0].radius_m < 0.135, "{circles:?}");
 }
 
-/// Somebody passes posts that stood there before: what he hides and what is out of view may still be there, what was his own trail is
-/// not.
-#[test]
-fn who_passes_takes_along_only_what_the_scan_would_see() {
-    let mapper = mapper();
-    let mut map = Map::default();
-    let places = [(1.4, 0.0), (2.0, 0.0), (0.5, 1.4)];
-    for (north, east) in places {
-        mapper.take_in(&mut map, Instant(0), &pillar(north, east, 0.08, 0.01));
-    }
-    // He is seen at 1.5 m ahead, in front of the second; the third stands beside the view.
-    let mut scan = unknown_scan();
-    (0..SECTORS_MAX).for_each(|ray| scan.rays.set(ray, Sector::Hit(1.5)));
-    let everywhere = places.map(|(north, east)| Horizontal { north, east });
-    mapper.vacate(&mut map, &scan, &Pose::default(), &everywhere, 0.3);
-    let left: StdVec<f32> = map.circles().map(|circle| circle.center_ned_m.north).collect();
-    assert_eq!(left.len(), 2, "{left:?}");
-    assert!(left.iter().all(|north| (north - 1.4).abs() > 0.1), "{left:?}");
-}
-
 #[test]
 fn the_farthest_circle_gives_way_when_the_store_is_full() {
     let (mapper, mut map) = (mapper(), Map::default());
