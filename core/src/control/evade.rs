@@ -192,14 +192,7 @@ impl Foreseen {
 }
 
 impl Evader {
-    /// What is asked for, with its speed limited.
-    #[must_use]
-    pub fn cruise(&self, asked: Horizontal) -> Horizontal {
-        asked.clamped(self.v_max_mps)
-    }
-
-    /// The velocity to fly in place of the one that is asked for, which may be the same one; `None`: that is clear of all that
-    /// moves.
+    /// The velocity to fly in place of the one that is asked for; `None`: that is clear of all that moves.
     #[inline(never)]
     pub fn step(&self, state: &mut State, asked: Horizontal, input: &Input<'_>) -> Option<Horizontal> {
         // What is not finite the guard brakes for.
@@ -208,7 +201,7 @@ impl Evader {
             return None;
         }
         let c = &self.config;
-        let asked = self.cruise(asked);
+        let asked = asked.clamped(self.v_max_mps);
         let from = self.obeys_from(input);
         let (start, dead_s) = (from.position, self.dead_steps as f32 * self.tick_s);
         let mut moving: Vec<Other, MOVERS_MAX> = Vec::new();

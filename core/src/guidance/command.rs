@@ -75,15 +75,14 @@ impl<const N: usize> Guidance<N> {
                 },
             );
             if let Some(velocity_ned_mps) = evasion {
-                // What was asked for stays the plan's, and goes only where it has been seen.
-                situation.is_evading = velocity_ned_mps != self.evade.cruise(demand.velocity_ned_mps);
                 demand.velocity_ned_mps = velocity_ned_mps;
+                situation.is_evading = true;
             }
             // With scans, the guard has the hits of a tracked body, and the moving circles of the map. With reported
             // circles, it keeps clear of a body's present place as if it stood there; walking bodies are left to the
             // evader, since they will have left that place when the vehicle arrives.
             if !state.surroundings.tracks.has_scanned() {
-                if evasion.is_some() {
+                if situation.is_evading {
                     state.surroundings.near.retain(|one| one.velocity_ned_mps.norm_squared() < WALKS_MPS * WALKS_MPS);
                 }
                 for body in

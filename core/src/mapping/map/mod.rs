@@ -388,12 +388,13 @@ impl Mapper {
         }
     }
 
-    /// Moves circles on with their velocity, and forgets moving ones that were unseen for too long.
+    /// Moves circles on with their velocity, and forgets moving ones that were unseen for too long, or whose age is not known since the
+    /// clock was set back.
     pub fn advance(&self, map: &mut Map, now: Instant) {
         if map.carried == now {
             return;
         }
-        let dt_s = now.seconds_since(map.carried);
+        let (dt_s, is_set_back) = (now.seconds_since(map.carried), now < map.carried);
         map.carried = now;
         let (memory_s, now_ms) = (self.config.moving_memory_s, millis(now));
         map.known.retain_mut(|known| {
@@ -402,7 +403,7 @@ impl Mapper {
                 return true;
             }
             known.center_ned_m = known.center_ned_m.plus(velocity.times(dt_s));
-            seconds_between(known.seen_ms, now_ms) <= memory_s && known.circle().is_plausible()
+            !is_set_back && seconds_between(known.seen_ms, now_ms) <= memory_s && known.circle().is_plausible()
         });
     }
 
