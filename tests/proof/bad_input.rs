@@ -471,7 +471,8 @@ fn every_bad_option_is_refused_by_name_value_and_range_in_one_message() {
         (companion(&["--live", "--port", "http"]), vec!["--port", "'http'", "0..=65535"]),
         ([&by[..], &["--key", &key]].concat(), vec!["--key", &key, "64"]),
         (listen(&["--noise", "7:2"]), vec!["--noise", "'7:2'", "0..=1"]),
-        (listen(&["--start", "0,0,1e9"]), vec!["--start: ALT = 1000000000", "-10000..=10000"]),
+        (listen(&["--start", "0,0,1e9"]), vec!["--start: ALT = 1000000000", "0..=10000"]),
+        (listen(&["--start", "0,0,-5"]), vec!["--start: ALT = -5", "0..=10000"]),
         (listen(&["--software", "betaflight"]), vec!["--software", "'betaflight'", "arducopter", "px4"]),
         (listen(&["--max-time", "0"]), vec!["--max-time = 0", "0.1..=1000000"]),
         // Frames.
@@ -500,10 +501,12 @@ fn every_bad_option_is_refused_by_name_value_and_range_in_one_message() {
         (vec!["maps", "--bounds", "0,0,9"], vec!["--bounds", "X0,Y0,X1,Y1"]),
         (vec!["maps", "--bounds", "0,0,9,high"], vec!["--bounds", "'high'", "-1000..=1000"]),
         (vec!["maps", "--bounds", "0,0,1,9"], vec!["bounds[2] = 1", "2..=50"]),
-        (vec!["maps", "--pairs", "-1"], vec!["--pairs", "'-1'", "0..=10000"]),
+        (vec!["maps", "--pairs", "-1"], vec!["--pairs", "'-1'", "1..=10000"]),
+        (vec!["maps", "--pairs", "0"], vec!["--pairs", "'0'", "1..=10000"]),
         (vec!["merge", &params], vec![&params, "line 1"]),
         // The rest.
         (vec!["tlog", &folder], vec![&folder, "directory"]),
+        (vec!["tlog", &array], vec![&array, "no MAVLink frame"]),
         (vec!["replay", &array], vec![&array, "no flight log"]),
         (vec!["port", "--serial", &folder, "status"], vec![&folder, "directory"]),
         (vec!["port", "--serial", &array, "--baud", "300"], vec!["--baud", "'300'", "1200..=12000000"]),
