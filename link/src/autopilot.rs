@@ -31,7 +31,7 @@ pub enum Software {
     ArduPilot,
     /// PX4.
     Px4,
-    /// Another one: its messages are read, it is never commanded.
+    /// Another one, or PX4 on what is no copter: its messages are read, it is never commanded.
     Other,
 }
 
@@ -68,7 +68,7 @@ impl Autopilot {
             custom_mode: heartbeat.custom_mode,
             in_mode: match software {
                 Software::ArduPilot => heartbeat.custom_mode == GUIDED && is_copter(heartbeat),
-                Software::Px4 => (heartbeat.custom_mode >> 16) & 0xFF == OFFBOARD && is_copter(heartbeat),
+                Software::Px4 => (heartbeat.custom_mode >> 16) & 0xFF == OFFBOARD,
                 Software::Other => false,
             },
             armed: heartbeat.base_mode & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED as u8 != 0,
@@ -91,7 +91,7 @@ impl Software {
     fn of(heartbeat: &HEARTBEAT_DATA) -> Self {
         if heartbeat.autopilot == MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA as u8 {
             Self::ArduPilot
-        } else if heartbeat.autopilot == MavAutopilot::MAV_AUTOPILOT_PX4 as u8 {
+        } else if heartbeat.autopilot == MavAutopilot::MAV_AUTOPILOT_PX4 as u8 && is_copter(heartbeat) {
             Self::Px4
         } else {
             Self::Other

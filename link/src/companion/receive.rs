@@ -499,7 +499,7 @@ impl Companion {
         let result = if is(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM) || is(MavCmd::MAV_CMD_DO_SET_MODE) {
             MavResult::MAV_RESULT_DENIED
         } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && self.has_crashed && param1 == 1.0 {
-            self.has_crashed = false;
+            (self.has_crashed, self.paused) = (false, false);
             MavResult::MAV_RESULT_ACCEPTED
         } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && !self.obeys() {
             // It would be forgotten when the mode is entered.
