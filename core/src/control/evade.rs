@@ -192,7 +192,8 @@ impl Foreseen {
 }
 
 impl Evader {
-    /// The velocity to fly in place of the one that is asked for; `None`: that is clear of all that moves.
+    /// The velocity to fly in place of the one that is asked for; `None`: that is clear of all that moves, or the least bad. The guard
+    /// then holds it to what has been seen, as ever.
     #[inline(never)]
     pub fn step(&self, state: &mut State, asked: Horizontal, input: &Input<'_>) -> Option<Horizontal> {
         // What is not finite the guard brakes for.
@@ -312,7 +313,7 @@ impl Evader {
             };
         }
         state.choice_ned_mps = Some(best);
-        Some(best)
+        (best != asked).then_some(best)
     }
 
     /// How long the roll-out lasts.
@@ -547,7 +548,7 @@ mod tests {
         let [slow, fast] =
             [0.0, 2.5].map(|fast_mps| Config::default().build(&vehicle_model, 1.5, fast_mps, 2.0).unwrap());
         let (underway, mut state, mut rng) = (vehicle_model::State::default(), State::default(), Rng::new(24, 0));
-        let (mut evaded, mut faster) = (0, 0);
+        let (mut evaded, mut faster, mut kept) = (0, 0, 0);
         for number in 0..2_000 {
             // The previous choice may exceed the limit; the answer must not.
             let (evader, most_mps) = if number % 2 == 0 { (&slow, 1.5) } else { (&fast, 2.5) };
@@ -565,12 +566,19 @@ mod tests {
                 fence: &[],
                 moving: [&moving[..20], &moving[20..]],
             };
-            if let Some(velocity) = evader.step(&mut state, draw(3.0), &input) {
+            let asked = draw(3.0);
+            let answer = evader.step(&mut state, asked, &input);
+            if let (None, Some(choice)) = (answer, state.choice_ned_mps()) {
+                // The guard is to hold what was asked for to what has been seen.
+                kept += 1;
+                assert_eq!(choice, asked.clamped(f32::min(most_mps, 1.5)));
+            }
+            if let Some(velocity) = answer {
                 evaded += 1;
                 faster += usize::from(velocity.norm() > 1.6);
                 assert!(velocity.is_finite() && velocity.norm() <= most_mps * 1.001, "{velocity:?}");
             }
         }
-        assert!(evaded > 1_000 && faster > 50, "{evaded} {faster}");
+        assert!(evaded > 1_000 && faster > 50 && kept > 10, "{evaded} {faster} {kept}");
     }
 }
