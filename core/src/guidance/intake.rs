@@ -200,7 +200,7 @@ impl<const N: usize> Guidance<N> {
             self.tracks.observe(&mut state.surroundings.tracks, scan, &pose, &look.points_m);
         }
         let (centers_ned_m, radius_m) = self.tracks.left_by(&state.surroundings.tracks);
-        self.map.vacate(&mut state.surroundings.map, &centers_ned_m, radius_m);
+        self.map.vacate(&mut state.surroundings.map, now, &centers_ned_m, radius_m);
         self.map.observe_scan(&mut state.surroundings.map, now, scan, &pose, &look);
         Ok(pose)
     }

@@ -65,6 +65,8 @@ const GATE: f32 = 0.5;
 const DOOMED: u8 = u8::MAX;
 /// In place of a number of scans: seen in the scan that is being processed; no other pillar of that scan can match it.
 const AVERAGED: u8 = u8::MAX - 1;
+/// A moving object has left a place, or is known to move, within this.
+const STOOD_S: f32 = 3.0;
 /// A hit farther behind a circle's front than this is evidence against the circle.
 const FRONT_M: f32 = 0.08;
 
@@ -377,14 +379,21 @@ impl Mapper {
         Ok(())
     }
 
-    /// Forgets circles fitted to hits where moving objects are now.
+    /// Forgets circles fitted to hits where moving objects are now, but not what stood there before they came: they may hide it.
     #[inline(never)]
-    pub fn vacate(&self, map: &mut Map, centers_ned_m: &[Horizontal], radius_m: f32) {
+    pub fn vacate(&self, map: &mut Map, now: Instant, centers_ned_m: &[Horizontal], radius_m: f32) {
         let squared_m2 = radius_m * radius_m;
         let is_left =
             |place: Horizontal| centers_ned_m.iter().any(|center| place.minus(*center).norm_squared() < squared_m2);
+        let now_ms = millis(now);
+        // A patch is not measured again while it is covered, so it was seen when it was new.
+        let stood_before = |known: &Known| match known.origin {
+            Origin::Given => true,
+            Origin::Seen(Kind::Pillar) => known.motion.rests(),
+            Origin::Seen(Kind::Patch) => seconds_between(known.seen_ms, now_ms) > STOOD_S,
+        };
         if !centers_ned_m.is_empty() {
-            map.known.retain(|known| known.origin == Origin::Given || !is_left(known.center_ned_m));
+            map.known.retain(|known| stood_before(known) || !is_left(known.center_ned_m));
         }
     }
 

@@ -54,6 +54,11 @@ impl Motion {
         self.steady >= STEADY
     }
 
+    /// Whether the memory is full of a pillar that stands.
+    pub(super) fn rests(self) -> bool {
+        self.scans == SCANS_MAX && self.steady == 0
+    }
+
     /// The centre after one more measurement.
     pub(super) fn step(
         &mut self,

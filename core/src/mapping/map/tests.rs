@@ -121,6 +121,33 @@ fn a_circle_that_is_seen_through_is_forgotten_after_three_looks() {
 }
 
 #[test]
+fn what_stood_there_before_somebody_came_is_kept_and_what_he_left_is_not() {
+    let mapper = mapper();
+    let patch = |mut look: Segmentation| {
+        look.detections.iter_mut().for_each(|seen| seen.kind = Kind::Patch);
+        look
+    };
+    let walker = [Horizontal { north: 2.0, east: 0.3 }];
+    for (look, looks, age_us, is_kept) in [
+        (pillar(2.0, 0.0, 0.2, 0.01), 12, 100_000, true),
+        (pillar(2.0, 0.0, 0.2, 0.01), 3, 100_000, false),
+        (patch(pillar(2.0, 0.0, 0.2, 0.01)), 3, 4_000_000, true),
+        (patch(pillar(2.0, 0.0, 0.2, 0.01)), 3, 100_000, false),
+    ] {
+        let mut map = Map::default();
+        for k in 0_u64..looks {
+            let now = Instant(100_000 * k);
+            mapper.observe_scan(&mut map, now, &unknown_scan(), &Pose::default(), &look);
+        }
+        let now = Instant(100_000 * looks + age_us);
+        mapper.vacate(&mut map, now, &walker, 0.55);
+        assert_eq!(map.circles().count(), usize::from(is_kept), "{looks} looks, {age_us} us");
+        mapper.vacate(&mut map, now, &[Horizontal { north: 2.0, east: 0.6 }], 0.55);
+        assert_eq!(map.circles().count(), usize::from(is_kept), "too far away");
+    }
+}
+
+#[test]
 fn moving_circles_move_and_are_forgotten_when_unseen() {
     let (mapper, mut map) = (mapper(), Map::default());
     let mover = Circle { velocity_ned_mps: Horizontal { north: 0.5, east: 0.0 }, ..circle(1.0, 0.0, 0.2) };
