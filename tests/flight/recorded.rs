@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
-use foxhound_core::doa::bearing::{Bearing, Estimator};
+use foxhound_core::doa::bearing::{Bearing, Estimator, Flags};
 use foxhound_core::guidance::FrontEnd;
 use foxhound_core::guidance::mission::Outcome;
 use foxhound_core::planning::planner;
@@ -118,7 +118,8 @@ impl Listener<'_> {
         let [error_rad, sigma_rad] = block.between(begin_s + before_s, begin_s + now_s)?.bearing_rad?;
         self.given.fetch_add(1, Ordering::Relaxed);
         let azimuth_rad = (f64::from(truth.azimuth_rad) + error_rad + PI).rem_euclid(TAU) - PI;
-        Some(Bearing { azimuth_rad: azimuth_rad as f32, sigma_rad: sigma_rad as f32, ..truth })
+        let flags = Flags::ALIKE;
+        Some(Bearing { azimuth_rad: azimuth_rad as f32, sigma_rad: sigma_rad as f32, flags, ..truth })
     }
 }
 

@@ -64,7 +64,8 @@ impl Mount {
     /// A bearing from its zero, from the nose.
     #[must_use]
     pub fn mounted(&self, bearing: &Bearing) -> Bearing {
-        Bearing { azimuth_rad: wrap_pi(bearing.azimuth_rad + self.yaw_rad), ..*bearing }
+        let azimuth_rad = wrap_pi(bearing.azimuth_rad + self.yaw_rad);
+        Bearing { azimuth_rad, flags: bearing.flags.with(Flags::ALIKE), ..*bearing }
     }
 
     /// The bearing of an azimuth that it has measured, clockwise from its zero.

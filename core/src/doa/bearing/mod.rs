@@ -127,6 +127,8 @@ impl Flags {
     pub const DEAD_5: Self = Self(1 << 10);
     /// A sample is not a finite number.
     pub const NOT_FINITE: Self = Self(1 << 14);
+    /// Of a radio whose errors are those of its antennas and its site, alike from bearing to bearing.
+    pub const ALIKE: Self = Self(1 << 15);
 
     /// The flag of a dead channel, 0..8.
     #[must_use]
@@ -201,9 +203,12 @@ pub struct Bearing {
 }
 
 impl Bearing {
-    /// The part of the standard deviation that is alike from bearing to bearing: by other paths of the wave.
+    /// The part of the standard deviation that is alike from bearing to bearing: by other paths of the wave, or all of it.
     #[must_use]
     pub fn alike_rad(&self) -> f32 {
+        if self.flags.contains(Flags::ALIKE) {
+            return self.sigma_rad;
+        }
         match self.flags.contains(Flags::MULTIPATH) {
             true if self.sigma_rad > MULTIPATH_SIGMA_RAD => MULTIPATH_SIGMA_RAD,
             true => self.sigma_rad,

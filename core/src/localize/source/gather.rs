@@ -2,8 +2,11 @@
 //! errors are less correlated.
 //!
 //! Averaged are the bearings that agree with the one that most of the others agree with (a consensus set, as in RANSAC, Fischler
-//! and Bolles 1981, with every bearing tried): outliers stay outside as long as they do not agree with each other. Errors by
-//! other paths of the wave are alike from bearing to bearing and from sighting to sighting, and are not averaged away.
+//! and Bolles 1981, with every bearing tried): outliers stay outside as long as they do not agree with each other.
+//!
+//! Errors that are alike from bearing to bearing are not averaged away. Those by other paths of the wave are alike in the sightings of a
+//! second, each of which counts for less. A radio's, by its antennas and its site ([`Flags::ALIKE`]), are alike until the vehicle is
+//! elsewhere: its bearings are gathered for a second, and a sighting counts for as much as the vehicle has moved since the last.
 
 use heapless::Vec;
 
@@ -11,7 +14,8 @@ use super::Sighting;
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::time::Instant;
-use crate::doa::bearing::Bearing;
+use crate::base::units::between;
+use crate::doa::bearing::{Bearing, Flags};
 
 /// Time over which bearings are gathered.
 pub const SIGHTING_S: f32 = 0.1;
@@ -21,6 +25,10 @@ const BEARINGS_MAX: usize = 8;
 const APART_RAD: f32 = 0.1;
 /// So many sightings, one second of them, are alike in their errors by other paths.
 const ALIKE_SIGHTINGS: f32 = 10.0;
+/// Time over which bearings with errors of the site are gathered.
+const SITE_S: f32 = 1.0;
+/// At places so far apart the errors of the site differ; recorded at places 3 m apart, they do (`docs/results/radios.md`).
+const SITE_M: f32 = 2.0;
 
 /// A bearing of the next sighting.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,7 +51,7 @@ impl Heard {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gathering {
     since: Option<Instant>,
-    last_sighting: Option<Instant>,
+    last_sighting: Option<(Instant, Horizontal)>,
     heard: Vec<Heard, BEARINGS_MAX>,
 }
 
@@ -53,20 +61,32 @@ impl Gathering {
         let at = bearing.time;
         let since = *self.since.get_or_insert(at);
         let alike_rad2 = bearing.alike_rad() * bearing.alike_rad();
-        let noise_rad2 = bearing.sigma_rad * bearing.sigma_rad - alike_rad2;
+        let sigma_rad2 = bearing.sigma_rad * bearing.sigma_rad;
+        let is_of_site = bearing.flags.contains(Flags::ALIKE);
+        // How much of a site's errors differs from bearing to bearing is not known: all of it may.
+        let noise_rad2 = if is_of_site { sigma_rad2 } else { sigma_rad2 - alike_rad2 };
         // When the list is full, it is left out.
         let _ = self.heard.push(Heard { direction_ned, place_ned_m, noise_rad2, alike_rad2 });
-        if at.seconds_since(since) < SIGHTING_S {
+        let is_enough = is_of_site && self.heard.is_full();
+        if at.seconds_since(since) < if is_of_site { SITE_S } else { SIGHTING_S } && !is_enough {
             return None;
         }
-        let sighting = self.sighting(self.last_sighting.map_or(0.0, |last| at.seconds_since(last)));
+        let (since_s, alike) = match self.last_sighting {
+            Some((last, from_ned_m)) if is_of_site => {
+                let moved_m = place_ned_m.minus(from_ned_m).norm();
+                (at.seconds_since(last), between(SITE_M / (moved_m + 1e-3), 1.0, ALIKE_SIGHTINGS))
+            }
+            Some((last, _)) => (at.seconds_since(last), ALIKE_SIGHTINGS),
+            None => (0.0, if is_of_site { 1.0 } else { ALIKE_SIGHTINGS }),
+        };
+        let sighting = self.sighting(since_s, alike);
         self.heard.clear();
-        (self.since, self.last_sighting) = (None, Some(at));
+        (self.since, self.last_sighting) = (None, Some((at, place_ned_m)));
         sighting
     }
 
-    /// The mean of those that agree.
-    fn sighting(&self, since_s: f32) -> Option<Sighting> {
+    /// The mean of those that agree, where so many sightings have alike errors.
+    fn sighting(&self, since_s: f32, alike: f32) -> Option<Sighting> {
         let (mut middle, mut most) = (self.heard.first()?, 0);
         for one in &self.heard {
             let count = self.heard.iter().filter(|other| one.agrees(other)).count();
@@ -86,7 +106,7 @@ impl Gathering {
         (norm > 1e-3).then(|| Sighting {
             place_ned_m: place.times(share),
             direction_ned: direction.times(1.0 / norm),
-            sigma_rad: sqrt(share * (share * noise_rad2 + ALIKE_SIGHTINGS * alike_rad2)),
+            sigma_rad: sqrt(share * (share * noise_rad2 + alike * alike_rad2)),
             since_s,
         })
     }
@@ -95,7 +115,9 @@ impl Gathering {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::doa::bearing::{Flags, Quality};
+    use crate::base::rng::Rng;
+    use crate::doa::bearing::Quality;
+    use crate::localize::source::bank;
 
     const NORTH: Horizontal = Horizontal { north: 1.0, east: 0.0 };
 
@@ -143,5 +165,39 @@ mod tests {
             (0..6).filter_map(add).next().unwrap().sigma_rad
         };
         assert!(sigma_rad(Flags::MULTIPATH) > 0.2 && sigma_rad(Flags::default()) < 0.05);
+    }
+
+    /// The squared error over its covariance, per degree of freedom, at the end of a flight to and fro past a source 20 m away, by
+    /// bearings at 10 Hz that are off by noise and by what depends on the direction from the nose.
+    fn nees_of_site(seed: u64, flags: Flags) -> f32 {
+        let bank = bank::Config::DEFAULT.build().unwrap();
+        let (mut gathering, mut state, mut rng) = (Gathering::default(), bank::State::new(), Rng::new(seed, 1));
+        let source = Horizontal { north: 20.0, east: 0.0 };
+        let (bias_rad, noise_rad) = (0.087 * 1.414, 0.035);
+        let phase_rad = core::f32::consts::TAU * rng.uniform();
+        let mut answer = None;
+        for k in 0..300_u64 {
+            let t_s = 0.1 * k as f32;
+            let east = 5.0 - libm::fabsf(5.0 - t_s % 10.0);
+            let place = Horizontal { north: 0.5 * t_s, east };
+            let nose_rad = if t_s % 10.0 < 5.0 { 1.1 } else { -1.1 };
+            let true_rad = source.minus(place).bearing_rad();
+            let off_rad = bias_rad * libm::sinf(2.0 * (true_rad - nose_rad) + phase_rad) + noise_rad * rng.gaussian();
+            let one = Bearing { time: Instant(k * 100_000), ..bearing(0, 0.094, flags) };
+            let sighting = gathering.add(&one, Horizontal::from_bearing(true_rad + off_rad), place);
+            answer = sighting.and_then(|sighting| bank.step(&mut state, &sighting, 0.0, &[])).or(answer);
+        }
+        let estimate = answer.unwrap().estimate;
+        let off = estimate.place_ned_m.minus(source);
+        let [nn, ne, ee] = estimate.covariance_m2;
+        let squares = ee * off.north * off.north - 2.0 * ne * off.north * off.east + nn * off.east * off.east;
+        0.5 * squares / (nn * ee - ne * ne)
+    }
+
+    #[test]
+    fn the_errors_of_a_site_are_not_averaged_away() {
+        let mean_nees = |flags: Flags| (0..40).map(|seed| nees_of_site(seed, flags)).sum::<f32>() / 40.0;
+        let (whole, averaged) = (mean_nees(Flags::ALIKE), mean_nees(Flags::default()));
+        assert!(whole < 2.0 && averaged > 5.0, "{whole}, {averaged}");
     }
 }

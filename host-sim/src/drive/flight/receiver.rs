@@ -139,7 +139,11 @@ impl<'a> Receiver<'a> {
                 let azimuth_rad = bearing_ned_rad - vehicle.yaw_rad + sigma_rad * self.random.gaussian();
                 // The sigma includes the bias, as found by a calibration at many places.
                 let told_rad = libm::hypot(sigma_rad, settings.place_bias_deg.to_radians());
-                Reception::Bearing(bearing_of(now, wrap_pi(azimuth_rad), told_rad.max(SIGMA_FLOOR_RAD)))
+                let mut bearing = bearing_of(now, wrap_pi(azimuth_rad), told_rad.max(SIGMA_FLOOR_RAD));
+                if settings.place_bias_deg > 0.0 {
+                    bearing.flags = Flags::ALIKE;
+                }
+                Reception::Bearing(bearing)
             }
             BearingModel::Rf => {
                 let apparent = from.along(Horizontal::from_bearing(bearing_ned_rad), to_source.norm());
