@@ -75,6 +75,25 @@ fn with_two_thirds_of_the_samples_clipped_a_prime_bin_keeps_a_tenth_of_a_degree(
     }
 }
 
+/// Where a clipped tone's harmonics are sampled as if they were the tone, near the sample rate over 3 to 10, its sigma says so.
+#[test]
+fn a_clipped_tone_whose_harmonics_fold_onto_it_is_not_believed_too_well() {
+    for (part, amplitude) in (3..=10).flat_map(|part| [1.3, 2.0, 8.0].map(|amplitude| (part, amplitude))) {
+        for off_bins in [0.0, 0.2] {
+            let bins = 256.0 / f64::from(part) + off_bins;
+            let source = Source { amplitude: amplitude * 2047.0, ..Source::new(bins, 30.0) };
+            for frames in [Frames::Alone, Frames::Consecutive] {
+                let what = format!("clipped, {amplitude} of full scale at bin {bins:.2}");
+                let seed = 10 + part as u64;
+                let heard =
+                    circle(&what, anywhere(), frames, seed, |azimuth, random| source.air(azimuth, random).codes());
+                assert!(heard.inside_three_sigma() >= 0.99, "{}", heard.report(1.0));
+                assert!(heard.nees() < 1.25, "{}", heard.report(1.0));
+            }
+        }
+    }
+}
+
 /// Offsets of a third of full scale do not disturb a low tone.
 #[test]
 fn offsets_of_a_third_of_full_scale_do_not_disturb_a_low_tone() {

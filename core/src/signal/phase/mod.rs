@@ -101,6 +101,11 @@ pub const REFRESH: u8 = 8;
 /// A tone this far outside the band may still be one at its edge.
 const EDGE_BINS: f32 = 0.05;
 
+/// Harmonics of a clipped tone that are considered.
+const HARMONICS: u32 = 15;
+/// No farther from the tone they pass for it.
+const FOLDED_BINS: f32 = 1.5;
+
 /// Variance of the converter's rounding, in squared ADC units: no channel has less noise.
 const QUANTISATION: f32 = 1.0 / 12.0;
 /// The signal-to-noise ratio reported without a tone.
@@ -286,8 +291,14 @@ impl<const N: usize> Extractor<N> {
             // There is no noise where the wave is clipped. The remaining noise is at the zero crossings, where it
             // turns the phase: with a share c clipped, 1 + sin(pi c) / (pi (1 - c)) times as much as the same power
             // all round. The harmonics have raised the floor a little too; 1 + 0.85 c makes up for both.
-            for (noise, level) in phasors.noise.iter_mut().zip(levels) {
-                *noise *= 1.0 + 0.85 * level.clipped as f32 / N as f32;
+            let tone_bins = state.tracked.map_or(0.0, |tracked| tracked.step as f32 / Self::STEPS_PER_BIN);
+            for ((noise, level), z) in phasors.noise.iter_mut().zip(levels).zip(fit.z) {
+                let share = level.clipped as f32 / N as f32;
+                *noise *= 1.0 + 0.85 * share;
+                if share > 0.0 {
+                    let folded = share * folded::<N>(tone_bins);
+                    *noise += folded * folded * z.norm_squared();
+                }
             }
             if state.interferer {
                 for (noise, leakage) in phasors.noise.iter_mut().zip(state.leakage) {
@@ -325,4 +336,20 @@ impl<const N: usize> Extractor<N> {
         let bins = step as f32 / Self::STEPS_PER_BIN;
         bins > self.band[0] - margin_bins && bins < self.band[1] + margin_bins
     }
+}
+
+/// How much of a clipped tone's harmonics is sampled as if it were the tone, of its amplitude: the `h`-th, at most `1 / h` where all of the
+/// wave is clipped and less than in proportion where a share is, folds onto it near the sample rate over `h + 1` and `h - 1`.
+fn folded<const N: usize>(tone_bins: f32) -> f32 {
+    let mut amplitude = 0.0;
+    for h in 2..=HARMONICS {
+        let at = tone_bins * h as f32 / N as f32;
+        let beyond = at - libm::floorf(at + 0.5);
+        let away_bins = libm::fabsf(beyond) * N as f32 - tone_bins;
+        // Those farther away have raised the floor.
+        if libm::fabsf(away_bins) < FOLDED_BINS {
+            amplitude += 1.0 / h as f32;
+        }
+    }
+    amplitude
 }
