@@ -10,7 +10,7 @@ use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 use core::ops::Range;
 use core::panic::PanicInfo;
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use cortex_m::peripheral::SCB;
 use foxhound_computer::restart::{self, End, Record, TEXT_BYTES, WORDS};
@@ -59,11 +59,35 @@ pub(crate) fn was_running() -> bool {
 
 /// Writes the record, and restarts.
 pub(crate) fn end<B: Board>(end: End, address: u32, status: u32, text: &[u8]) -> ! {
-    cortex_m::interrupt::disable();
-    let record = Record::new(end, address, status, B::uptime_s(), text);
-    // SAFETY: interrupts are off, and only a fault can come; that ends in here, too, and does not come back.
-    unsafe { KEPT.0.get().cast::<[u32; WORDS]>().write_volatile(record.encode()) };
+    keep::<B>(end, address, status, text);
     SCB::sys_reset()
+}
+
+/// The same with words for a debugger. The record comes first: what prints may be what failed.
+pub(crate) fn end_saying<B: CrashOutput>(
+    end: End,
+    address: u32,
+    status: u32,
+    text: &[u8],
+    words: fmt::Arguments<'_>,
+) -> ! {
+    if keep::<B>(end, address, status, text) {
+        B::print_end(words);
+    }
+    SCB::sys_reset()
+}
+
+/// Writes the record, unless this is the end of an end; whether it did.
+fn keep<B: Board>(end: End, address: u32, status: u32, text: &[u8]) -> bool {
+    static ENDING: AtomicBool = AtomicBool::new(false);
+    cortex_m::interrupt::disable();
+    if ENDING.swap(true, Ordering::Relaxed) {
+        return false;
+    }
+    let record = Record::new(end, address, status, B::uptime_s(), text);
+    // SAFETY: interrupts are off, and only a fault can come, which ends in here and writes nothing.
+    unsafe { KEPT.0.get().cast::<[u32; WORDS]>().write_volatile(record.encode()) };
+    true
 }
 
 /// A requested restart.
@@ -81,16 +105,15 @@ pub(crate) fn panicked<B: CrashOutput>(info: &PanicInfo<'_>) -> ! {
         let mut digits = [0; 10];
         let _ = text.write_str(decimal(location.line(), &mut digits));
     }
-    B::print_end(format_args!("panic at {}", text.text()));
-    end::<B>(End::Panic, 0, 0, text.text().as_bytes())
+    let text = text.text();
+    end_saying::<B>(End::Panic, 0, 0, text.as_bytes(), format_args!("panic at {text}"))
 }
 
 /// The end of a fault: `frame` is where the processor has stacked its registers, or would have.
 pub(crate) extern "C" fn fault<B: CrashOutput>(frame: u32) -> ! {
     // SAFETY: reading this register has no effect.
     let status = unsafe { (*SCB::PTR).cfsr.read() };
-    B::print_end(format_args!("fault"));
-    end::<B>(End::Fault, interrupted(frame, &B::MEMORY), status, b"")
+    end_saying::<B>(End::Fault, interrupted(frame, &B::MEMORY), status, b"", format_args!("fault"))
 }
 
 /// Where the program was, if its registers are in memory.

@@ -71,8 +71,8 @@ unsafe extern "C" fn HardFault() {
 /// Ends a program that did not feed the watchdog, which first raises an interrupt.
 extern "C" fn starved(frame: u32) -> ! {
     let address = crash_record::interrupted(frame, &Machine::MEMORY);
-    Machine::print_end(format_args!("watchdog at {address:#010x}"));
-    crash_record::end::<Machine>(End::Watchdog, address, 0, b"")
+    let words = format_args!("watchdog at {address:#010x}");
+    crash_record::end_saying::<Machine>(End::Watchdog, address, 0, b"", words)
 }
 
 /// The watchdog's interrupt.

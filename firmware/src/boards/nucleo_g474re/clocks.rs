@@ -20,7 +20,8 @@
 //! Afterwards only its time driver uses the table, and its prescaler is corrected here; serial lines, converters and
 //! timers are the board's own and use [`CLOCK_MHZ`].
 //!
-//! embassy also waits for the HSE without a timeout. Here the limit is [`HSE_WAIT_MS`], with the watchdog running.
+//! embassy also waits for the HSE without a timeout. Here the limit is [`HSE_WAIT_MS`], with the watchdog running. Should it fail
+//! later, the clock security system raises an NMI, at 16 MHz from the HSI: the program ends, and begins again on the HSI.
 
 use cortex_m::asm;
 use cortex_m::peripheral::DWT;
@@ -56,6 +57,7 @@ pub(super) fn start() -> (Peripherals, Clock) {
     }
     let peripherals = embassy_stm32::init(config);
     raise(clock);
+    RCC.cr().modify(|w| w.set_csson(clock == Clock::Crystal));
     set_time_driver();
     (peripherals, clock)
 }

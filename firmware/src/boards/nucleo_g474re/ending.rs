@@ -12,8 +12,8 @@ use crate::arm::crash_record::{self, CrashOutput};
 
 /// Reports why the program cannot continue, and restarts.
 pub(super) fn halt(reason: fmt::Arguments<'_>) -> ! {
-    Machine::print_end(reason);
-    crash_record::end::<Machine>(End::Halt, 0, 0, reason.as_str().unwrap_or("halt").as_bytes())
+    let text = reason.as_str().unwrap_or("halt").as_bytes();
+    crash_record::end_saying::<Machine>(End::Halt, 0, 0, text, reason)
 }
 
 impl CrashOutput for Machine {
@@ -44,4 +44,11 @@ unsafe extern "C" fn HardFault() {
         "b    {fault}",
         fault = sym crash_record::fault::<Machine>,
     )
+}
+
+/// The crystal has failed, which nothing else can be here. The pilot reads of it after the restart.
+// SAFETY: the name is that of the vector. Nothing returns from here.
+#[unsafe(no_mangle)]
+extern "C" fn NonMaskableInt() -> ! {
+    crash_record::end::<Machine>(End::Halt, 0, 0, b"the crystal has failed")
 }
