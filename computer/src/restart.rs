@@ -134,6 +134,12 @@ pub fn take(kept: &mut [u32; WORDS]) -> Option<Record> {
     record
 }
 
+/// Whether there is a record that has not been taken.
+#[must_use]
+pub fn is_begun(kept: &[u32; WORDS]) -> bool {
+    kept[0] == MAGIC
+}
+
 /// Information about the last restart.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Restart {

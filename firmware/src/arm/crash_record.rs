@@ -10,7 +10,7 @@ use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 use core::ops::Range;
 use core::panic::PanicInfo;
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::SCB;
 use foxhound_computer::restart::{self, End, Record, TEXT_BYTES, WORDS};
@@ -77,16 +77,17 @@ pub(crate) fn end_saying<B: CrashOutput>(
     SCB::sys_reset()
 }
 
-/// Writes the record, unless this is the end of an end; whether it did.
+/// Writes the record, unless there is one: then this is the end of an end. Whether it did.
 fn keep<B: Board>(end: End, address: u32, status: u32, text: &[u8]) -> bool {
-    static ENDING: AtomicBool = AtomicBool::new(false);
     cortex_m::interrupt::disable();
-    if ENDING.swap(true, Ordering::Relaxed) {
+    let kept = KEPT.0.get().cast::<[u32; WORDS]>();
+    // SAFETY: as in `take`, which has erased the last run's record.
+    if restart::is_begun(&unsafe { kept.read_volatile() }) {
         return false;
     }
     let record = Record::new(end, address, status, B::uptime_s(), text);
     // SAFETY: interrupts are off, and only a fault can come, which ends in here and writes nothing.
-    unsafe { KEPT.0.get().cast::<[u32; WORDS]>().write_volatile(record.encode()) };
+    unsafe { kept.write_volatile(record.encode()) };
     true
 }
 

@@ -45,10 +45,3 @@ unsafe extern "C" fn HardFault() {
         fault = sym crash_record::fault::<Machine>,
     )
 }
-
-/// The crystal has failed, which nothing else can be here. The pilot reads of it after the restart.
-// SAFETY: the name is that of the vector. Nothing returns from here.
-#[unsafe(no_mangle)]
-extern "C" fn NonMaskableInt() -> ! {
-    crash_record::end::<Machine>(End::Halt, 0, 0, b"the crystal has failed")
-}

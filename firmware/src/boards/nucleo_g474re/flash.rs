@@ -22,7 +22,7 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use cortex_m::asm;
 use embassy_stm32::Peri;
 use embassy_stm32::flash::{self, Blocking};
-use embassy_stm32::pac::FLASH;
+use embassy_stm32::pac::{FLASH, RCC};
 use embassy_stm32::peripherals;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use foxhound_computer::part::{self, Refused};
@@ -72,10 +72,13 @@ fn read_word(at: u32) -> Option<[u8; 8]> {
     is_sound.then(|| (u64::from(high) << 32 | u64::from(low)).to_le_bytes())
 }
 
-/// The flash reports an uncorrectable error in the word being read, or something worse has happened.
+/// The crystal has failed, the flash reports an uncorrectable error in the word being read, or something worse has happened.
 // SAFETY: it touches its two flags and a register that nobody else touches.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() {
+    if RCC.cifr().read().cssf() {
+        crash_record::end::<Machine>(End::Halt, 0, 0, b"the crystal has failed");
+    }
     let state = FLASH.eccr().read();
     if !(state.eccd() || state.eccd2()) || !IS_READING.load(Ordering::SeqCst) {
         crash_record::end::<Machine>(End::Halt, 0, 0, b"flash or RAM damaged");
