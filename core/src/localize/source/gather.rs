@@ -6,7 +6,7 @@
 //!
 //! Errors that are alike from bearing to bearing are not averaged away. Those by other paths of the wave are alike in the sightings of a
 //! second, each of which counts for less. A radio's, by its antennas and its site ([`Flags::ALIKE`]), are alike until the vehicle is
-//! elsewhere: its bearings are gathered for a second, and a sighting counts for as much as the vehicle has moved since the last.
+//! elsewhere: its bearings are gathered for a second, and a sighting counts for as much as the vehicle has moved meanwhile.
 
 use heapless::Vec;
 
@@ -51,7 +51,7 @@ impl Heard {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gathering {
     since: Option<Instant>,
-    last_sighting: Option<(Instant, Horizontal)>,
+    last_sighting: Option<Instant>,
     heard: Vec<Heard, BEARINGS_MAX>,
 }
 
@@ -71,17 +71,12 @@ impl Gathering {
         if at.seconds_since(since) < if is_of_site { SITE_S } else { SIGHTING_S } && !is_enough {
             return None;
         }
-        let (since_s, alike) = match self.last_sighting {
-            Some((last, from_ned_m)) if is_of_site => {
-                let moved_m = place_ned_m.minus(from_ned_m).norm();
-                (at.seconds_since(last), between(SITE_M / (moved_m + 1e-3), 1.0, ALIKE_SIGHTINGS))
-            }
-            Some((last, _)) => (at.seconds_since(last), ALIKE_SIGHTINGS),
-            None => (0.0, if is_of_site { 1.0 } else { ALIKE_SIGHTINGS }),
-        };
+        let since_s = self.last_sighting.map_or(0.0, |last| at.seconds_since(last));
+        let moved_m = self.heard.first().map_or(0.0, |first| place_ned_m.minus(first.place_ned_m).norm());
+        let alike = if is_of_site { between(SITE_M / (moved_m + 1e-3), 1.0, ALIKE_SIGHTINGS) } else { ALIKE_SIGHTINGS };
         let sighting = self.sighting(since_s, alike);
         self.heard.clear();
-        (self.since, self.last_sighting) = (None, Some((at, place_ned_m)));
+        (self.since, self.last_sighting) = (None, Some(at));
         sighting
     }
 

@@ -104,7 +104,7 @@ const EDGE_BINS: f32 = 0.05;
 /// Harmonics of a clipped tone that are considered.
 const HARMONICS: u32 = 15;
 /// No farther from the tone they pass for it.
-const FOLDED_BINS: f32 = 1.5;
+const FOLDED_BINS: f32 = 2.5;
 
 /// Variance of the converter's rounding, in squared ADC units: no channel has less noise.
 const QUANTISATION: f32 = 1.0 / 12.0;
@@ -340,6 +340,7 @@ impl<const N: usize> Extractor<N> {
 
 /// How much of a clipped tone's harmonics is sampled as if it were the tone, of its amplitude: the `h`-th, at most `1 / h` where all of the
 /// wave is clipped and less than in proportion where a share is, folds onto it near the sample rate over `h + 1` and `h - 1`.
+#[cold]
 fn folded<const N: usize>(tone_bins: f32) -> f32 {
     let mut amplitude = 0.0;
     for h in 2..=HARMONICS {
