@@ -360,6 +360,54 @@ fn complex_samples_of_two_to_eight_channels_are_at_the_bound() {
     assert!(files.refused("--iq", "f.npy", &array(&ring(4, 0.25)), &[]).contains("channels = 5: antennas_m has 4"));
 }
 
+/// Without a band, noise of a receiver whose filter makes 16 samples alike is no source, and neither is the receiver's own offset, in a
+/// band or without one; a source is heard beside both.
+#[test]
+fn coloured_noise_and_an_offset_at_zero_are_no_source() {
+    const N: usize = 1024;
+    let files = Files::new();
+    let (five, count, mut random) = (ring(5, 0.4), 60, Random::new(8));
+    let mut record = |snr_db: Option<f64>, alike: usize, offset: f64| {
+        let source = snr_db.map_or(0.0, |snr_db| 10.0_f64.powf(snr_db / 20.0));
+        let mut values = Vec::new();
+        for _ in 0..count {
+            for (channel, [x, y]) in five.iter().enumerate() {
+                let white: Vec<[f64; 2]> = (0..N + 15).map(|_| [random.normal(), random.normal()]).collect();
+                let phase = TAU * (x * 1.1_f64.cos() + y * 1.1_f64.sin());
+                let (sine, cosine) = (0.7 * channel as f64).sin_cos();
+                for k in 0..N {
+                    let share = (alike as f64).sqrt().recip();
+                    let sum = white[k..k + alike].iter().fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);
+                    let [re, im] = sum.map(|part| share * part);
+                    let (s, c) = (phase + TAU * 0.13 * k as f64).sin_cos();
+                    values.push([re + source * c + offset * cosine, im + source * s + offset * sine]);
+                }
+            }
+        }
+        complex64(&files.path("f.npy"), &[count, 5, N], &values);
+    };
+    let plain = format!("wavelength_m = 1.0\nantennas_m = {five:?}\nsample_rate_hz = 1e6\n");
+    let banded = format!("{plain}tone_band_hz = [-1.5e5, 1.5e5]\n");
+    let valid = |array: &str| {
+        let lines = files.lines("--iq", "f.npy", array, &[]);
+        lines.into_iter().filter(|line| line["valid"] == true).collect::<Vec<_>>()
+    };
+    for (alike, offset, array) in [(16, 0.0, &plain), (16, 1.0, &plain), (1, 1.0, &plain), (1, 1.0, &banded)] {
+        record(None, alike, offset);
+        let heard = valid(array).len();
+        assert!(heard <= 1, "{alike} alike, offset {offset}: {heard} of {count} frames are valid");
+    }
+    for (alike, array) in [(16, &plain), (1, &plain), (1, &banded)] {
+        record(Some(10.0), alike, 1.0);
+        let lines = valid(array);
+        assert!(lines.len() >= 58, "{alike} alike: {} of {count} are valid", lines.len());
+        for line in lines {
+            let off_deg = degrees_between(number(&line, "azimuth_deg").to_radians(), 1.1);
+            assert!(off_deg.abs() < 4.0 * number(&line, "sigma_deg").max(1.0), "{line}");
+        }
+    }
+}
+
 /// SigMF recordings of every format that is read give the same bearing; damaged ones are refused by key.
 #[test]
 fn sigmf_recordings_are_read_and_damaged_ones_refused() {

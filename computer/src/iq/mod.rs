@@ -106,11 +106,12 @@ impl<const TRANSMITTERS: usize> Finder<TRANSMITTERS> {
     /// Checks the array, with packets of the longest tone, and begins without a memory of transmitters.
     ///
     /// # Errors
-    /// The field that is refused.
+    /// The field that is refused; antennas on a line are.
     pub fn begin(&mut self, array: &Array, floor_rad: f32) -> Result<(), ConfigError> {
         self.transmitters.clear();
         check("sample_rate_hz", array.switch.sample_rate_hz, REFERENCE_HZ, REFERENCE_HZ)?;
-        self.estimator.build_in(&direction::Config { floor_rad }, &array.beam, &array.switch, SLOTS_MAX)
+        self.estimator.build_in(&direction::Config { floor_rad }, &array.beam, &array.switch, SLOTS_MAX)?;
+        self.estimator.beam().refuse_line()
     }
 
     /// The bearing of a report from the array's zero; it may be invalid. `None` without samples to use.

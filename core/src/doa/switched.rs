@@ -232,6 +232,12 @@ impl Estimator {
         built
     }
 
+    /// The array.
+    #[must_use]
+    pub const fn beam(&self) -> &Beam {
+        &self.beam
+    }
+
     /// Number of slots of a packet.
     #[must_use]
     pub fn slots(&self) -> usize {

@@ -2,14 +2,21 @@
 //!
 //! The covariance is that of a frame's spectrum in the occupied band, bin by bin, or of its samples if no band is given. A window
 //! tapered at both ends keeps out signals outside the band. Of real samples only positive frequencies are used.
+//!
+//! - **At 0 Hz** a direct-conversion receiver has an offset of its own, which looks like a source. Where the mean is much the same in each of
+//!   eight and more frames it is taken out, and with it what a transmitter sends at exactly 0 Hz.
+//! - **Samples that follow one another are alike** where their spectrum is not flat. Without a band a frame is worth
+//!   `(sum M)^2 / sum M^2` samples, `M` the spectrum's running median: a tone in white noise takes nothing away. In a given band the
+//!   noise is taken to be flat.
 
+use std::f64::consts::FRAC_PI_2;
 use std::path::Path;
 
 use foxhound_core::base::adc::ANTENNAS_MAX;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::beam::{Arrival, Beam, Covariance, Source, Vector};
 use foxhound_core::signal::phase::Complex;
-use num_complex::Complex32;
+use num_complex::{Complex32, Complex64};
 use rustfft::FftPlanner;
 
 use super::bearings::ArrayLine;
@@ -18,6 +25,13 @@ use super::radio_array::RadioArray;
 use super::{eigen, sigmf, wav};
 use crate::scenario::input::InputError;
 
+/// An offset is known from so many frames, in which so much of their means is alike.
+const OFFSET_FRAMES: usize = 8;
+const OFFSET_SHARE: f64 = 0.5;
+/// Cells of a spectrum for its median; that is over one of so many parts of them, and of at least so many.
+const CELLS_MAX: usize = 1024;
+const MEDIAN_SHARE: usize = 8;
+const MEDIAN_LEAST: usize = 5;
 /// Samples of a channel in a frame.
 const SAMPLES: std::ops::RangeInclusive<usize> = 8..=1 << 20;
 /// Share of a frame at either end that the window tapers.
@@ -34,6 +48,8 @@ pub struct Frames {
     /// Whether the samples are real.
     is_real: bool,
     kind: String,
+    /// Of each channel.
+    means: Vec<Complex32>,
 }
 
 impl Frames {
@@ -80,13 +96,31 @@ impl Frames {
         if values.len() < channels * samples {
             return wrong("no frames".to_owned());
         }
-        Ok(Self { channels, samples, values, is_real, kind })
+        let mut offset = Offset::new(channels);
+        for frame in values.chunks_exact(channels * samples) {
+            offset.add(frame.chunks_exact(samples));
+        }
+        Ok(Self { channels, samples, values, is_real, kind, means: offset.means() })
     }
 
     /// What was read.
     #[must_use]
     pub fn taken(&self) -> String {
-        format!("{} frames of {} channels of {} samples, {}", self.count(), self.channels, self.samples, self.kind)
+        let power: f64 = self.values.iter().map(|value| f64::from(value.norm_sqr())).sum();
+        let at_zero: f64 = self.means.iter().map(|mean| f64::from(mean.norm_sqr())).sum();
+        let share = at_zero * self.values.len() as f64 / (self.channels as f64 * power);
+        let note = if share > 0.01 {
+            format!("; {:.0} % of the power are at 0 Hz, taken for the receiver's own offset", 100.0 * share)
+        } else {
+            String::new()
+        };
+        format!(
+            "{} frames of {} channels of {} samples, {}{note}",
+            self.count(),
+            self.channels,
+            self.samples,
+            self.kind
+        )
     }
 
     /// Samples of a channel in a frame.
@@ -172,7 +206,7 @@ fn find_watched(
     let mut estimator = Estimator::new(array, frames.samples, frames.is_real)?;
     let mut lines = Vec::with_capacity(frames.count() / looks);
     for (frame, values) in frames.values.chunks_exact(frames.channels * frames.samples).enumerate() {
-        estimator.add(values);
+        estimator.add(values, &frames.means);
         if (frame + 1) % looks == 0 {
             watch(&estimator.covariance);
             lines.push(ArrayLine::new(frame, None, &estimator.take(frame as u64)));
@@ -204,9 +238,11 @@ impl Estimator {
         })
     }
 
-    /// Takes a frame, channel after channel.
-    pub(super) fn add(&mut self, values: &[Complex32]) {
-        self.band.add(values, self.samples, &mut self.covariance, &mut self.centre);
+    /// Takes a frame, channel after channel, less the mean of each channel.
+    pub(super) fn add(&mut self, values: &[Complex32], means: &[Complex32]) {
+        let less = |(channel, mean): (&[Complex32], &Complex32)| channel.iter().map(|value| value - mean).collect();
+        let channels = values.chunks_exact(self.samples).zip(means).map(less).collect();
+        self.band.add(channels, &mut self.covariance, &mut self.centre);
     }
 
     /// The bearing of the frames since the last bearing.
@@ -229,11 +265,44 @@ impl Centre {
     }
 }
 
+/// A receiver's own offset of each channel: the mean, where it is much the same in each frame.
+pub(super) struct Offset {
+    sums: Vec<Complex64>,
+    squares: f64,
+    frames: usize,
+}
+
+impl Offset {
+    pub(super) fn new(channels: usize) -> Self {
+        Self { sums: vec![Complex64::default(); channels], squares: 0.0, frames: 0 }
+    }
+
+    /// Takes a frame, channel after channel.
+    pub(super) fn add<'a>(&mut self, channels: impl Iterator<Item = &'a [Complex32]>) {
+        for (sum, channel) in self.sums.iter_mut().zip(channels) {
+            let wide = |value: &Complex32| Complex64::new(f64::from(value.re), f64::from(value.im));
+            let mean = channel.iter().map(wide).sum::<Complex64>() / channel.len() as f64;
+            *sum += mean;
+            self.squares += mean.norm_sqr();
+        }
+        self.frames += 1;
+    }
+
+    /// The offset of each channel; zeros where there is none.
+    pub(super) fn means(&self) -> Vec<Complex32> {
+        let frames = self.frames as f64;
+        let alike = self.sums.iter().map(Complex64::norm_sqr).sum::<f64>() / frames;
+        let is_offset = self.frames >= OFFSET_FRAMES && alike > OFFSET_SHARE * self.squares;
+        let mean = |sum: &Complex64| Complex32::new((sum.re / frames) as f32, (sum.im / frames) as f32);
+        self.sums.iter().map(|sum| if is_offset { mean(sum) } else { Complex32::default() }).collect()
+    }
+}
+
 /// The bins of a frame in the occupied band; `None` if the whole spectrum is occupied.
 struct Band {
     bins: Option<Vec<(usize, f64)>>,
     window: Vec<f32>,
-    /// Number of independent samples that a bin stands for.
+    /// Number of independent samples that a bin of a band stands for.
     worth: f32,
     fft: std::sync::Arc<dyn rustfft::Fft<f32>>,
 }
@@ -280,29 +349,52 @@ impl Band {
     }
 
     /// Adds a frame to the covariance.
-    fn add(&self, values: &[Complex32], samples: usize, covariance: &mut Covariance, centre: &mut Centre) {
-        let mut channels: Vec<Vec<Complex32>> = values.chunks_exact(samples).map(<[Complex32]>::to_vec).collect();
-        if self.bins.is_some() {
-            for channel in &mut channels {
-                for (value, weight) in channel.iter_mut().zip(&self.window) {
-                    *value *= weight / (samples as f32).sqrt();
-                }
-                self.fft.process(channel);
+    fn add(&self, channels: Vec<Vec<Complex32>>, covariance: &mut Covariance, centre: &mut Centre) {
+        let mut spectra = channels.clone();
+        let scale = 1.0 / (self.window.len() as f32).sqrt();
+        for spectrum in &mut spectra {
+            for (value, weight) in spectrum.iter_mut().zip(&self.window) {
+                *value *= weight * scale;
             }
+            self.fft.process(spectrum);
         }
-        let mut at = |bin: usize, hz: f64| {
+        let mut at = |channels: &[Vec<Complex32>], k: usize, hz: f64, worth: f32| {
             let mut z = Vector::default();
-            for (z, channel) in z.iter_mut().zip(&channels).take(ANTENNAS_MAX) {
-                *z = Complex { re: channel[bin].re, im: channel[bin].im };
+            for (z, channel) in z.iter_mut().zip(channels).take(ANTENNAS_MAX) {
+                *z = Complex { re: channel[k].re, im: channel[k].im };
             }
             let power: f64 = z.iter().map(|z| f64::from(z.norm_squared())).sum();
             centre.moment += hz * power;
             centre.power += power;
-            covariance.add(&z, self.worth);
+            covariance.add(&z, worth);
         };
         match &self.bins {
-            Some(bins) => bins.iter().for_each(|(bin, hz)| at(*bin, *hz)),
-            None => (0..samples).for_each(|k| at(k, 0.0)),
+            Some(bins) => bins.iter().for_each(|(bin, hz)| at(&spectra, *bin, *hz, self.worth)),
+            None => {
+                let worth = flatness(&spectra);
+                (0..self.window.len()).for_each(|k| at(&channels, k, 0.0, worth));
+            }
         }
     }
+}
+
+/// The share of the samples that are independent, by the running median of the spectrum of all channels.
+fn flatness(spectra: &[Vec<Complex32>]) -> f32 {
+    let samples = spectra.first().map_or(0, Vec::len);
+    let power = |k: usize| spectra.iter().map(|spectrum| spectrum[k].norm_sqr()).sum::<f32>();
+    let powers: Vec<f32> = (0..samples).map(power).collect();
+    let cells: Vec<f32> = powers.chunks(samples.div_ceil(CELLS_MAX)).map(|bins| bins.iter().sum()).collect();
+    let count = cells.len();
+    let width = (count / MEDIAN_SHARE).max(MEDIAN_LEAST);
+    let (mut sum, mut squares) = (0.0, 0.0);
+    for first in 0..count {
+        let mut near: Vec<f32> = (first..first + width).map(|cell| cells[cell % count]).collect();
+        let (_, median, _) = near.select_nth_unstable_by(width / 2, f32::total_cmp);
+        sum += f64::from(*median);
+        squares += f64::from(*median) * f64::from(*median);
+    }
+    // The medians of a flat spectrum differ as well: at most, where a source is in all channels, by a variance of pi / 2 over their width.
+    let of_flat = 1.0 + FRAC_PI_2 / width as f64;
+    let flatness = if squares > 0.0 { of_flat * sum * sum / (squares * count as f64) } else { 1.0 };
+    flatness.min(1.0) as f32
 }

@@ -216,9 +216,11 @@ impl Live {
     pub fn open(source: &Source, options: Options) -> Result<Self, InputError> {
         let needs = |kind: &str| {
             let array = options.array.clone();
-            array.ok_or_else(|| {
+            let array = array.ok_or_else(|| {
                 InputError::new(format!("--bearings {kind}: needs --array: it gives samples, not angles"))
-            })
+            })?;
+            array.beam.build()?.refuse_line()?;
+            Ok::<_, InputError>(array)
         };
         let failed = |what: String, error: std::io::Error| InputError::new(format!("--bearings {what}: {error}"));
         let line = |device: &PathBuf, baud: u32| {
@@ -300,7 +302,7 @@ impl Live {
             elevation_rad: 0.0,
             elevation_sigma_rad: std::f32::consts::FRAC_PI_2,
             quality: measured.quality,
-            flags: measured.flags,
+            flags: measured.flags.with(Flags::ALIKE),
         })
     }
 }
@@ -311,6 +313,7 @@ struct Json {
     azimuth_deg: Option<f64>,
     sigma_deg: Option<f64>,
     valid: Option<bool>,
+    mirror_deg: Option<f64>,
     age_s: Option<f64>,
 }
 
@@ -329,6 +332,9 @@ fn json(line: &str, now: Instant) -> Event {
     let Some(azimuth_deg) = line.azimuth_deg.filter(|_| line.valid != Some(false)) else {
         return Event::Nothing("valid is false, or azimuth_deg null".to_owned());
     };
+    if line.mirror_deg.is_some() {
+        return Event::Nothing("mirror_deg: antennas on a line, and nothing says which of the two it is".to_owned());
+    }
     if !(-360.0..=360.0).contains(&azimuth_deg) {
         return refuse("azimuth_deg", azimuth_deg, "-360..=360");
     }

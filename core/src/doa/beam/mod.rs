@@ -199,6 +199,15 @@ impl Beam {
         vector
     }
 
+    /// Refuses an array on a line: nothing tells its bearings from their mirror images, so it is no array to fly by.
+    ///
+    /// # Errors
+    /// `antennas_m` on a line.
+    pub fn refuse_line(&self) -> Result<(), ConfigError> {
+        let why = Why::Inconsistent("antennas on a line: nothing tells a bearing from its mirror image");
+        self.line_rad.map_or(Ok(()), |_| Err(ConfigError { field: "antennas_m", value: self.count as f32, why }))
+    }
+
     /// The direction that an array on a line cannot tell from this one; none where the antennas are not on a line, and
     /// along the line.
     #[must_use]

@@ -15,7 +15,7 @@ use num_complex::Complex32;
 use super::{Event, Measurement};
 use crate::scenario::input::InputError;
 use crate::tools::frames::FRAME;
-use crate::tools::iq::Estimator;
+use crate::tools::iq::{Estimator, Offset};
 use crate::tools::radio_array::RadioArray;
 
 const HEADER_BYTES: usize = 1024;
@@ -146,9 +146,13 @@ fn estimate(estimator: &mut Estimator, payload: &[u8], header: &Header, at: Inst
         })
         .collect();
     let piece = header.length.min(FRAME);
-    for begin in (0..=header.length - piece).step_by(piece) {
-        let channels = samples.chunks_exact(header.length).flat_map(|channel| &channel[begin..begin + piece]);
-        estimator.add(&channels.copied().collect::<Vec<_>>());
+    let begins = (0..=header.length - piece).step_by(piece);
+    let pieces = |begin: usize| samples.chunks_exact(header.length).map(move |channel| &channel[begin..begin + piece]);
+    let mut offset = Offset::new(header.channels);
+    begins.clone().for_each(|begin| offset.add(pieces(begin)));
+    let means = offset.means();
+    for begin in begins {
+        estimator.add(&pieces(begin).collect::<Vec<_>>().concat(), &means);
     }
     let mut bearing = estimator.take(0).bearing;
     if header.is_overdriven {

@@ -6,10 +6,13 @@ use std::net::{TcpListener, UdpSocket};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use foxhound_computer::iq;
+
 use super::heimdall::Header;
 use super::kraken::newest;
 use super::*;
 use crate::autopilot::transport::Listen;
+use crate::tools::hci::array_of;
 
 const NOW: time::Instant = time::Instant(10_000_000);
 
@@ -80,6 +83,7 @@ fn json_lines_come_by_udp_with_their_age_and_silence_is_named() {
         ("{\"azimuth_deg\": 10, \"age_s\": 0.9}", "stale"),
         ("{\"azimuth_deg\": 10, \"valid\": false}", "no_bearing"),
         ("{\"azimuth_deg\": null}", "no_bearing"),
+        ("{\"azimuth_deg\": 10, \"valid\": true, \"mirror_deg\": 80, \"ambiguities\": 1}", "no_bearing"),
         ("{\"azimuth_deg\": 361}", "refused"),
         ("{\"azimuth_deg\": 10, \"sigma_deg\": 0}", "refused"),
         ("{\"azimuth_deg\": 10, \"age_s\": -1}", "refused"),
@@ -277,6 +281,22 @@ fn lines_of_a_serial_port_give_bearings_and_its_end_has_a_name() {
     until(&mut live, |state, _| matches!(state, State::Refused(why) if why.contains("azimuth")));
     drop(far);
     until(&mut live, |state, _| matches!(state, State::Lost(_)));
+}
+
+/// On a line each bearing has a mirror image that fits as well: half of the directions would be wrong.
+#[test]
+fn antennas_on_a_line_are_refused() {
+    let text = "wavelength_m = 1.0\nantennas_m = [[0.0, -0.25], [0.0, 0.0], [0.0, 0.25]]\nsample_rate_hz = 1e6\ntone_hz = 250e3\n\
+        [switch]\nslot_s = 4e-6\npattern = [2, 3, 1]\n";
+    let array = RadioArray::parse(text).unwrap();
+    for source in [Source::Heimdall("127.0.0.1".to_owned(), 1), Source::Hci("/dev/null".into(), 115_200)] {
+        let refused = Live::open(&source, Options { array: Some(array.clone()), ..options() });
+        let why = refused.err().map(|error| error.to_string()).unwrap_or_default();
+        assert!(why.contains("antennas_m = 3: antennas on a line"), "{source}: {why}");
+    }
+    let mut finder = iq::Finder::<1>::new();
+    let refused = finder.begin(&array_of(&array).unwrap(), 0.0).unwrap_err();
+    assert_eq!(refused.field, "antennas_m", "{refused}");
 }
 
 /// A ring of eight antennas behind a switch, as Bluetooth controllers report it.
