@@ -131,19 +131,19 @@ fn recorded_people_who_do_not_step_aside_are_evaded() {
         &[
             ("told all round, 1 m/s", TOLD_1, "point", 0, 225),
             ("told all round, 2 m/s", TOLD_2, "point", 0, 225),
-            ("scan of 72 sectors all round", SCAN_360, "point", 13, 212),
-            ("scan of 360 rays all round", RAYS_360, "point", 6, 219),
+            ("scan of 72 sectors all round", SCAN_360, "point", 12, 213),
+            ("scan of 360 rays all round", RAYS_360, "point", 5, 220),
             ("scan of 90 deg, 3 m", SCAN_90, "point", 59, 166),
-            ("told in 90 deg, 3 m", TOLD_90, "point", 41, 184),
+            ("told in 90 deg, 3 m", TOLD_90, "point", 42, 183),
             ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "point", 7, 218),
             ("scan of 360 rays all round, evading at 2 m/s", RAYS_360_FAST, "point", 6, 219),
             ("scan of 90 deg, 3 m, evading at 2 m/s", SCAN_90_FAST, "point", 51, 174),
-            ("told all round, 1 m/s", TOLD_1, "arducopter", 1, 224),
+            ("told all round, 1 m/s", TOLD_1, "arducopter", 0, 225),
             ("told all round, 2 m/s", TOLD_2, "arducopter", 6, 219),
-            ("scan of 72 sectors all round", SCAN_360, "arducopter", 20, 205),
-            ("scan of 360 rays all round", RAYS_360, "arducopter", 6, 219),
-            ("scan of 90 deg, 3 m", SCAN_90, "arducopter", 91, 134),
-            ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "arducopter", 14, 211),
+            ("scan of 72 sectors all round", SCAN_360, "arducopter", 24, 201),
+            ("scan of 360 rays all round", RAYS_360, "arducopter", 7, 218),
+            ("scan of 90 deg, 3 m", SCAN_90, "arducopter", 89, 136),
+            ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "arducopter", 16, 209),
             ("scan of 360 rays all round, evading at 2 m/s", RAYS_360_FAST, "arducopter", 6, 219),
         ],
     );
@@ -175,11 +175,11 @@ fn drawn_people_who_cross_the_way_are_evaded() {
         &drawn(),
         &[
             ("told all round, 1 m/s", TOLD_1, "point", 0, 40),
-            ("scan of 72 sectors all round", SCAN_360, "point", 4, 36),
+            ("scan of 72 sectors all round", SCAN_360, "point", 5, 35),
             ("told all round, 1 m/s", TOLD_1, "arducopter", 0, 40),
-            ("scan of 72 sectors all round", SCAN_360, "arducopter", 15, 25),
+            ("scan of 72 sectors all round", SCAN_360, "arducopter", 12, 28),
             ("scan of 360 rays all round", RAYS_360, "point", 1, 39),
-            ("scan of 360 rays all round", RAYS_360, "arducopter", 6, 34),
+            ("scan of 360 rays all round", RAYS_360, "arducopter", 3, 37),
         ],
     );
 }
@@ -207,14 +207,14 @@ fn who_is_followed_is_followed_well_and_nobody_else_is() {
 /// The most flights of a scene that may hit somebody: a point mass told all round and by scans of 72 sectors, then the same beside
 /// ArduCopter's delays. The test prints it as it stands here.
 const SCENE_HITS: [[usize; 4]; 8] = [
-    [0, 0, 0, 0],  // crossing
-    [2, 7, 6, 10], // swaying
-    [2, 9, 8, 8],  // stopping
-    [2, 4, 1, 6],  // turning
-    [0, 9, 1, 12], // in groups
+    [0, 1, 0, 0],  // crossing
+    [2, 5, 8, 10], // swaying
+    [4, 9, 7, 9],  // stopping
+    [2, 5, 1, 4],  // turning
+    [0, 9, 1, 10], // in groups
     [0, 2, 1, 1],  // overtaking
-    [0, 2, 3, 5],  // two streams in a corridor of 4 m
-    [0, 0, 0, 0],  // stepping aside
+    [0, 2, 4, 6],  // two streams in a corridor of 4 m
+    [0, 1, 0, 0],  // stepping aside
 ];
 
 /// 20 flights each among people who cross, sway, stop, turn, walk in groups, overtake, come in two streams, and step aside, at
@@ -240,12 +240,12 @@ fn people_who_do_more_than_walk_straight_on_are_evaded() {
 }
 
 /// A point mass that sees them by scans of 72 sectors all round hits none of the pillars of the trap `movers`; of five that swing to
-/// and fro across the way it hits some in at most 3 of 20 flights.
+/// and fro across the way it hits some in at most 2 of 20 flights.
 #[test]
 fn pillars_that_move_are_not_hit_and_those_that_swing_seldom() {
     let trap = std::fs::read_to_string(root().join("tests/traps/movers.json")).unwrap();
     let trap: Value = serde_json::from_str(&trap).unwrap();
     let movers: Vec<Value> = (0..scenes::FLIGHTS).map(|_| trap.clone()).collect();
     hold(&movers, &[("the trap's moving pillars, scan of 72 sectors all round", SCAN_360, "point", 0, 20)]);
-    hold(&scenes::swinging(), &[("pillars that swing, scan of 72 sectors all round", SCAN_360, "point", 3, 17)]);
+    hold(&scenes::swinging(), &[("pillars that swing, scan of 72 sectors all round", SCAN_360, "point", 2, 18)]);
 }
