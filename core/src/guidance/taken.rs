@@ -22,6 +22,7 @@ const STALE_S: f32 = 0.5;
 struct Expected {
     ownship: Option<Ownship>,
     taken: Option<Instant>,
+    has_scanned: bool,
     refused: Refused,
 }
 
@@ -227,12 +228,17 @@ fn the_newest_look_is_in_the_map_and_with_the_guard_or_its_refusal_is_counted() 
             }
             if let Some((points, told)) = &points {
                 let taken = expected.pose(points.time).and(*told);
+                let before = expected.taken;
                 expected.take(now, points.time, taken);
+                if expected.has_scanned {
+                    expected.taken = before;
+                }
             }
             let is_scan_taken = scan.as_ref().is_some_and(|(scan, told)| {
                 let taken = expected.pose(scan.time).and(*told);
                 expected.take(now, scan.time, taken)
             });
+            expected.has_scanned |= is_scan_taken;
             assert_eq!((state.map().taken(), state.refused()), (expected.taken, &expected.refused), "{episode}");
 
             if let Some((scan, _)) = scan.as_ref().filter(|_| is_scan_taken) {

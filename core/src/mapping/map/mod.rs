@@ -185,7 +185,9 @@ pub struct Map {
     /// Time to which the moving circles have been predicted.
     carried: Instant,
     /// The circle that was checked last for being covered by others.
-    asked: usize,
+    asked: u8,
+    /// Whether there has been a scan: then single points are not what the vehicle sees by.
+    has_scanned: bool,
     overflow_count: u32,
     refused_count: u32,
 }
@@ -193,9 +195,9 @@ pub struct Map {
 impl Map {
     /// Back to an empty store, in place.
     pub fn clear(&mut self) {
-        let Self { known, taken, carried, asked, overflow_count, refused_count } = self;
+        let Self { known, taken, carried, asked, has_scanned, overflow_count, refused_count } = self;
         known.clear();
-        (*taken, *carried, *asked) = (None, Instant::default(), 0);
+        (*taken, *carried, *asked, *has_scanned) = (None, Instant::default(), 0, false);
         (*overflow_count, *refused_count) = (0, 0);
     }
 
@@ -214,7 +216,8 @@ impl Map {
         self.known.iter().map(disc)
     }
 
-    /// Time of measurement of the newest processed scan, even if it hit nothing.
+    /// Time of measurement of the newest scan, even if it hit nothing, or delivery of circles; of the newest points where there has
+    /// been no scan: a beam ahead does not replace a lidar that has failed.
     #[must_use]
     pub fn taken(&self) -> Option<Instant> {
         self.taken
@@ -277,6 +280,8 @@ impl Mapper {
     /// Processes the circles fitted to a scan; circles that scans see through are forgotten after some scans.
     pub fn observe_scan(&self, map: &mut Map, now: Instant, scan: &Scan, pose: &Pose, segmentation: &Segmentation) {
         self.begin_look(map, now);
+        map.has_scanned = true;
+        map.note_taken(segmentation.time, now);
         self.judge(map, scan, pose);
         map.sweep();
         self.take_in(map, now, segmentation);
@@ -285,6 +290,9 @@ impl Mapper {
     /// Processes the circles fitted to points. No circle is forgotten because of points: they do not show free space.
     pub fn observe_points(&self, map: &mut Map, now: Instant, segmentation: &Segmentation) {
         self.begin_look(map, now);
+        if !map.has_scanned {
+            map.note_taken(segmentation.time, now);
+        }
         self.take_in(map, now, segmentation);
     }
 
@@ -298,7 +306,6 @@ impl Mapper {
     #[inline(never)]
     fn take_in(&self, map: &mut Map, now: Instant, segmentation: &Segmentation) {
         map.refuse(u32::from(segmentation.refused));
-        map.note_taken(segmentation.time, now);
         let mut index = Index::new(segmentation.origin_ned_m);
         index.place_all(&map.known);
         self.thin_out(map, &mut index);

@@ -261,6 +261,20 @@ fn the_newest_look_counts_and_a_clock_that_was_set_back_does_not_keep_an_old_one
     assert_eq!(take(100, 90), Some(Instant(90)), "the clock was set back");
 }
 
+#[test]
+fn single_points_do_not_keep_the_map_of_a_lidar_new_that_has_failed() {
+    let (mapper, mut map) = (mapper(), Map::default());
+    let at = |time: u64| Segmentation { time: Instant(time), ..Segmentation::default() };
+    mapper.observe_points(&mut map, Instant(100), &at(100));
+    assert_eq!(map.taken(), Some(Instant(100)), "there is nothing else");
+    mapper.observe_scan(&mut map, Instant(200), &unknown_scan(), &Pose::default(), &at(200));
+    mapper.observe_points(&mut map, Instant(900), &at(900));
+    assert_eq!(map.taken(), Some(Instant(200)));
+    map.clear();
+    mapper.observe_points(&mut map, Instant(1_000), &at(1_000));
+    assert_eq!(map.taken(), Some(Instant(1_000)));
+}
+
 /// Straight walls (north, east, north, east) and pillars (north, east, radius), as seen by a scanner.
 #[derive(Default)]
 struct World {

@@ -60,12 +60,14 @@ impl Mapper {
             return;
         }
         for _ in 0..ASKED {
-            map.asked = if map.asked + 1 < map.known.len() { map.asked + 1 } else { 0 };
-            if is_covered(&map.known, index, map.asked)
-                && let Some(known) = map.known.get_mut(map.asked)
+            let next = usize::from(map.asked) + 1;
+            let at = if next < map.known.len() { next } else { 0 };
+            map.asked = at as u8;
+            if is_covered(&map.known, index, at)
+                && let Some(known) = map.known.get_mut(at)
             {
                 known.clear_scans = DOOMED;
-                index.doom(map.asked);
+                index.doom(at);
             }
         }
     }
