@@ -166,7 +166,8 @@ fn check_way(
     }
     let velocity = setpoint.velocity_ned_mps.horizontal();
     let end = rest.plus(velocity.times(0.5 * velocity.norm() / limits.a_max_mps2));
-    let (before_m, after_m) = (limits.fence.depth_m(rest), limits.fence.depth_m(end));
+    let depth_m = |place| limits.fence.inside(place).map_or(f32::INFINITY, |(_, depth_m)| depth_m);
+    let (before_m, after_m) = (depth_m(rest), depth_m(end));
     assert!(after_m >= before_m.min(0.0) - 1e-2, "fence, {before_m} then {after_m}: {}", about());
     // The map lets no other circles through.
     let is_sane = |o: &Neighbour| o.reach_m.is_finite() && o.center_ned_m.norm() < NEAR_M;

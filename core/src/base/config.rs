@@ -2,7 +2,8 @@
 
 use core::f32::consts::{FRAC_PI_2, TAU};
 
-use crate::base::error::{ConfigError, check};
+use crate::base::error::{ConfigError, Why, check};
+use crate::base::ned::Horizontal;
 
 /// The vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,6 +57,68 @@ impl RangeSensor {
 }
 
 impl Default for RangeSensor {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+/// The geofence: a circle that the vehicle does not leave.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Fence {
+    /// Its centre, in the local NED frame.
+    pub center_ned_m: Horizontal,
+    /// Its radius; 0: there is none.
+    pub radius_m: f32,
+    /// Distance that is kept from it, on its inside.
+    pub margin_m: f32,
+}
+
+impl Fence {
+    /// The default, no fence, as a constant.
+    pub const DEFAULT: Self = Self { center_ned_m: Horizontal { north: 0.0, east: 0.0 }, radius_m: 0.0, margin_m: 0.5 };
+
+    /// Checks the values.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        check("fence.center_ned_m", self.center_ned_m.north, -1e5, 1e5)?;
+        check("fence.center_ned_m", self.center_ned_m.east, -1e5, 1e5)?;
+        check("fence.margin_m", self.margin_m, 0.0, 100.0)?;
+        if self.radius_m == 0.0 {
+            return Ok(());
+        }
+        check("fence.radius_m", self.radius_m, 1.0, 1e5)?;
+        if self.margin_m < self.radius_m {
+            return Ok(());
+        }
+        let why = Why::Inconsistent("must be less than the fence's radius");
+        Err(ConfigError { field: "fence.margin_m", value: self.margin_m, why })
+    }
+
+    /// The direction inwards at a place, and how far inside it is; negative outside. `None` without a fence.
+    #[must_use]
+    pub fn inside(&self, place_ned_m: Horizontal) -> Option<(Horizontal, f32)> {
+        let inwards = self.center_ned_m.minus(place_ned_m);
+        let norm = inwards.norm();
+        let inwards = if norm > 1e-6 { inwards.times(1.0 / norm) } else { Horizontal { north: 1.0, east: 0.0 } };
+        (self.radius_m > 0.0).then_some((inwards, self.radius_m - norm))
+    }
+
+    /// How far from the centre a path may lead that begins at a place: as far as the margin leaves, or, where the place
+    /// is farther out, no farther than that. Infinite without a fence.
+    #[must_use]
+    pub fn reach_m(&self, from_ned_m: Horizontal) -> f32 {
+        if !(self.radius_m > 0.0) {
+            return f32::INFINITY;
+        }
+        let (allowed_m, off_m) = (self.radius_m - self.margin_m, from_ned_m.minus(self.center_ned_m).norm());
+        if off_m > allowed_m { off_m } else { allowed_m }
+    }
+}
+
+impl Default for Fence {
     fn default() -> Self {
         Self::DEFAULT
     }

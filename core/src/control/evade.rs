@@ -25,8 +25,6 @@ use crate::control::vehicle_model::{self, VehicleModel};
 pub const MOVERS_MAX: usize = 8;
 /// Most standing obstacles that are considered.
 const STANDING_MAX: usize = 6;
-/// The largest number of sides of the fence that are considered: those of a corner.
-const SIDES_MAX: usize = 2;
 /// Directions of the fan, and shares of the speed in each.
 const DIRECTIONS: usize = 16;
 const SHARES: [f32; 2] = [1.0, 0.5];
@@ -160,8 +158,8 @@ pub struct Input<'a> {
     pub underway: &'a vehicle_model::State,
     /// Standing obstacles nearby.
     pub standing: &'a [Neighbour],
-    /// The sides of the fence, as obstacles.
-    pub fence: &'a [Neighbour],
+    /// The fence where it is nearest, as an obstacle.
+    pub fence: Option<Neighbour>,
     /// Moving obstacles nearby: those that a sensor reports as moving, and those that are tracked.
     pub moving: [&'a [Neighbour]; 2],
 }
@@ -256,21 +254,15 @@ impl Evader {
                 Other { at_m, velocity_mps, reach_m: other.reach_m, keep_m, rate_mps: 0.0 },
             );
         }
-        let mut fence: Vec<Other, SIDES_MAX> = Vec::new();
-        for side in input.fence {
+        let fence = input.fence.and_then(|side| {
             let away_m = side.center_ned_m.minus(start).norm();
-            if !is_far(away_m, side) {
-                // Behind it already, it must not go farther out.
-                let keep_m = if side.reach_m < away_m - 0.01 { side.reach_m } else { away_m - 0.01 };
-                let (at_m, velocity_mps) = (side.center_ned_m, Horizontal::default());
-                keep_nearest(
-                    &mut fence,
-                    start,
-                    Other { at_m, velocity_mps, reach_m: side.reach_m, keep_m, rate_mps: 0.0 },
-                );
-            }
-        }
-        let still = [&standing[..], &fence[..]];
+            // Behind it already, it must not go farther out.
+            let keep_m = if side.reach_m < away_m - 0.01 { side.reach_m } else { away_m - 0.01 };
+            let (at_m, velocity_mps) = (side.center_ned_m, Horizontal::default());
+            let other = Other { at_m, velocity_mps, reach_m: side.reach_m, keep_m, rate_mps: 0.0 };
+            (!is_far(away_m, &side)).then_some(other)
+        });
+        let still = [&standing[..], fence.as_slice()];
         let speed = asked.norm();
         let towards = if speed > 1e-3 { asked.times(1.0 / speed) } else { Horizontal::default() };
         let last = state.choice_ned_mps.unwrap_or(input.command_ned_mps);
@@ -479,7 +471,7 @@ mod tests {
                 halfway_ned_mps: halfway,
                 underway: &underway,
                 standing: &[],
-                fence: &[],
+                fence: None,
                 moving: [&moving, &[]],
             };
             let wanted = evader.step(&mut state, asked, &input).unwrap_or(asked);
@@ -534,7 +526,7 @@ mod tests {
             halfway_ned_mps: Horizontal::default(),
             underway: &underway,
             standing: &[],
-            fence: &[],
+            fence: None,
             moving: [&[], &away],
         };
         assert_eq!(evader.step(&mut State::default(), north, &input), None);
@@ -563,7 +555,7 @@ mod tests {
                 halfway_ned_mps: draw(1.5),
                 underway: &underway,
                 standing: &standing,
-                fence: &[],
+                fence: None,
                 moving: [&moving[..20], &moving[20..]],
             };
             let asked = draw(3.0);

@@ -57,8 +57,6 @@ impl<const N: usize> Guidance<N> {
             let ownship = state.vehicle.ownship.unwrap_or_default();
             let (standing, told) = near::told_apart(&state.surroundings.near);
             let mut followed = Vec::new();
-            let mut fence = Vec::new();
-            self.guard.fence_around(situation.position_ned_m, &mut fence);
             near::followed(&self.guard, self.tracks.radius_m(), &state.surroundings.tracks, &mut followed);
             let evasion = self.evade.step(
                 &mut state.control.evade,
@@ -70,7 +68,7 @@ impl<const N: usize> Guidance<N> {
                     halfway_ned_mps: state.vehicle.wind.halfway_mps(),
                     underway: &state.vehicle.model,
                     standing,
-                    fence: &fence,
+                    fence: self.guard.fence_beside(situation.position_ned_m),
                     moving: [told, &followed],
                 },
             );

@@ -1,11 +1,12 @@
 //! Flights of the fast loop and the planner together, without a simulator.
 
 use super::*;
+use crate::base::config::Fence;
 use crate::base::ned::Ned;
 use crate::base::obstacle::{Disc, Neighbour};
 use crate::base::ownship::Agreement;
 use crate::base::units::wrap_pi;
-use crate::control::guard::{Fence, GuardInput};
+use crate::control::guard::GuardInput;
 use crate::control::track::Demand;
 use crate::control::vehicle::Vehicle;
 use crate::doa::bearing::{Flags, Quality};
@@ -333,7 +334,7 @@ fn where_its_position_cannot_be_trusted_it_brakes_and_gives_way_to_nothing() {
     let pillars = [(1.6, 0.75, 0.25), (2.2, 0.75, 0.25), (2.8, 0.75, 0.25), (2.2, -0.75, 0.25)];
     for is_frozen in [true, false] {
         let mut flight = Flight::new(&pillars, (9.0, 0.0));
-        flight.config.guard.fence = Fence::Circle { center_ned_m: Horizontal::default(), radius_m: 6.0 };
+        flight.config.guard.fence = Fence { radius_m: 6.0, ..Fence::DEFAULT };
         let kept = core::cell::Cell::new(None);
         let report = flight.run(12.0, |step, input| {
             let ownship = input.ownship.as_mut().unwrap();
@@ -457,7 +458,7 @@ fn in_a_crowd_the_fast_loop_heeds_the_nearest_obstacles_and_otherwise_all_that_a
 /// it would along a wall.
 #[test]
 fn beside_the_fence_it_gives_way_along_it() {
-    let fence = Fence::rectangle(Horizontal { north: -0.55, east: -30.0 }, Horizontal { north: 30.0, east: 30.0 });
+    let fence = Fence { center_ned_m: Horizontal { north: 29.45, east: 0.0 }, radius_m: 30.0, ..Fence::DEFAULT };
     let (mut runs, mut hits) = (0, 0);
     for (direction, offset) in (0..24).flat_map(|direction| (-3..=3).map(move |offset| (direction, offset))) {
         let heading = Horizontal::from_bearing((15.0 * direction as f32 + 7.0).to_radians());
@@ -489,7 +490,7 @@ fn beside_the_fence_it_gives_way_along_it() {
                 Input { ownship: Some(ownship), circles: Some(&walker), control: Control::Granted, ..Input::at(now) };
             vehicle.follow(&guidance.step(&mut state, &input).setpoint);
             closest_m = closest_m.min(vehicle.position.minus(center_ned_m).norm() - 0.45);
-            assert!(fence.depth_m(vehicle.position) > 0.0);
+            assert!(fence.inside(vehicle.position).unwrap().1 > 0.0);
         }
         runs += 1;
         hits += u32::from(closest_m < 0.0);

@@ -2,11 +2,11 @@
 
 use std::f32::consts::PI;
 
-use foxhound_core::base::config::{RangeSensor, Vehicle};
+use foxhound_core::base::config::{Fence, RangeSensor, Vehicle};
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
-use foxhound_core::control::guard::{self, Fence, GuardInput};
+use foxhound_core::control::guard::{self, GuardInput};
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::guidance;
 use foxhound_core::landing;
@@ -84,15 +84,8 @@ pub(super) fn sensor(draw: &mut Draw<'_>) -> RangeSensor {
 
 pub(super) fn guard_config(draw: &mut Draw<'_>) -> guard::Config {
     let usual = guard::Config::default();
-    let fence = match draw.below(8) {
-        0 => Fence::Circle { center_ned_m: place(draw), radius_m: draw.field(10.0, 1.0, 50.0) },
-        1 => Fence::rectangle(place(draw), place(draw)),
-        2 => {
-            let corners_ned_m = [(); guard::CORNERS_MAX].map(|()| place(draw));
-            Fence::Polygon { corners_ned_m, count: draw.below(10) }
-        }
-        _ => Fence::Off,
-    };
+    let radius_m = if draw.below(3) == 0 { draw.field(10.0, 1.0, 50.0) } else { 0.0 };
+    let fence = Fence { center_ned_m: place(draw), radius_m, margin_m: draw.field(Fence::DEFAULT.margin_m, 0.0, 5.0) };
     guard::Config {
         v_max_mps: draw.field(usual.v_max_mps, 0.05, 20.0),
         evade_max_mps: draw.field(usual.evade_max_mps, 0.0, 20.0),
@@ -107,7 +100,6 @@ pub(super) fn guard_config(draw: &mut Draw<'_>) -> guard::Config {
         down_min_m: draw.field(usual.down_min_m, -50.0, 0.0),
         down_max_m: draw.field(usual.down_max_m, -10.0, 10.0),
         fence,
-        fence_margin_m: draw.field(usual.fence_margin_m, 0.0, 5.0),
         ..usual
     }
 }

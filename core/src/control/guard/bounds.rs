@@ -123,9 +123,9 @@ impl Guard {
                 add(half_spaces, HalfSpace { outwards, least_mps, oncoming_mps: oncoming });
             }
         }
-        for (inwards, depth_m) in c.fence.sides(rest) {
+        if let Some((inwards, depth_m)) = c.fence.inside(rest) {
             let gust_m = input.gust_margin_m;
-            let least_mps = -self.approach_mps(depth_m - c.fence_margin_m - gust_m, gust_m);
+            let least_mps = -self.approach_mps(depth_m - c.fence.margin_m - gust_m, gust_m);
             if least_mps > beyond {
                 // Cannot fail: the capacity is the largest number that is gathered.
                 let _ = half_spaces.push(HalfSpace { outwards: inwards, least_mps, oncoming_mps: 0.0 });

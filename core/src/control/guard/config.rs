@@ -1,7 +1,7 @@
 //! Configuration of the guard, and which values are refused.
 
-use super::{Fence, Guard};
-use crate::base::config::{RangeSensor, Vehicle};
+use super::Guard;
+use crate::base::config::{Fence, RangeSensor, Vehicle};
 use crate::base::error::{ConfigError, Why, check};
 use crate::mapping::coverage;
 
@@ -37,8 +37,6 @@ pub struct Config {
     pub down_max_m: f32,
     /// Where the vehicle may be.
     pub fence: Fence,
-    /// Distance that is kept from the fence, on its inside.
-    pub fence_margin_m: f32,
 }
 
 impl Default for Config {
@@ -57,8 +55,7 @@ impl Default for Config {
             altitude_band_m: 2.0,
             down_min_m: -1e4,
             down_max_m: 1e4,
-            fence: Fence::Off,
-            fence_margin_m: 0.5,
+            fence: Fence::DEFAULT,
         }
     }
 }
@@ -86,8 +83,7 @@ impl Config {
             let why = Why::Inconsistent("the highest place must be above the lowest");
             return Err(ConfigError { field: "guard.down_min_m", value: self.down_min_m, why });
         }
-        check("guard.fence_margin_m", self.fence_margin_m, 0.0, 100.0)?;
-        self.fence.build()?;
+        self.fence.check()?;
         Ok(Guard { config: *self, vehicle: *vehicle, fov_rad: sensor.fov_rad, surveyor: self.coverage.build(sensor)? })
     }
 }

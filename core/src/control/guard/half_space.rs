@@ -2,7 +2,6 @@
 
 use heapless::Vec;
 
-use super::CORNERS_MAX;
 use crate::base::ned::Horizontal;
 
 /// A half-space counts as kept when it is violated by no more than this.
@@ -25,7 +24,7 @@ pub(super) struct HalfSpace {
 }
 
 /// Half-spaces of all obstacles and of the fence.
-pub(super) type HalfSpaces = Vec<HalfSpace, { GUSTY_MAX + CORNERS_MAX }>;
+pub(super) type HalfSpaces = Vec<HalfSpace, { GUSTY_MAX + 1 }>;
 
 /// Adds an obstacle's half-space; if the list is full it replaces the least demanding one.
 pub(super) fn add(half_spaces: &mut HalfSpaces, half_space: HalfSpace) {

@@ -5,7 +5,7 @@
 //!
 //! 1. Numbers that are not finite become a brake; speeds, horizontal and vertical, and the yaw rate are limited. Demands
 //!    of the evader may be faster than others ([`Config::evade_max_mps`]).
-//! 2. Motion towards each known circle and each side of the geofence is limited so that the vehicle can still stop:
+//! 2. Motion towards each known circle and the geofence is limited so that the vehicle can still stop:
 //!    half-spaces of a control barrier function `h = distance - reach - margin - 0.2 |v_obstacle|`, with the bound
 //!    `-dh/dt <= min(rate h, sqrt(1.4 a h))` on the speed relative to the circle. The command is replaced by the
 //!    nearest one that all of them allow. If an obstacle is too close the vehicle moves away from it, also from a
@@ -39,18 +39,19 @@ use crate::mapping::scan::Scan;
 mod ahead;
 mod bounds;
 mod config;
-mod fence;
 mod half_space;
 
 use ahead::PathCover;
 pub use bounds::CLOSE_MAX;
 use bounds::Near;
 pub use config::Config;
-pub use fence::{CORNERS_MAX, Fence};
 use half_space::{HalfSpaces, evened_out, nearest_allowed};
 
 /// Largest speed towards places hidden behind an obstacle.
 const HIDDEN_MPS: f32 = 0.4;
+/// Radius of the disc that stands for the fence: large against what the evader foresees, and small enough for its
+/// squares.
+const FENCE_DISC_M: f32 = 100.0;
 /// Share of the remaining distance to an altitude limit that may be used up per second.
 const ALTITUDE_RATE_PER_S: f32 = 0.5;
 
@@ -211,10 +212,15 @@ impl Guard {
         Neighbour::of(circle, self.vehicle.radius_m)
     }
 
-    /// The sides of the fence, as obstacles for a vehicle at this place.
-    pub(crate) fn fence_around(&self, place_ned_m: Horizontal, sides: &mut heapless::Vec<Neighbour, CORNERS_MAX>) {
-        // Cannot fail: a fence has no more sides.
-        let _ = self.config.fence.discs(place_ned_m, self.config.fence_margin_m).try_for_each(|side| sides.push(side));
+    /// The fence, its margin included, as an obstacle for a vehicle at this place, for a stage that knows circles only: a large disc, which
+    /// touches it where it is nearest.
+    pub(crate) fn fence_beside(&self, place_ned_m: Horizontal) -> Option<Neighbour> {
+        let (inwards, depth_m) = self.config.fence.inside(place_ned_m)?;
+        Some(Neighbour {
+            center_ned_m: place_ned_m.minus(inwards.times(depth_m - self.config.fence.margin_m + FENCE_DISC_M)),
+            reach_m: FENCE_DISC_M,
+            ..Neighbour::default()
+        })
     }
 
     /// Adds a scan to the coverage.

@@ -3,8 +3,6 @@
 use core::f32::consts::PI;
 
 use super::Values;
-use crate::base::ned::Horizontal;
-use crate::control::guard::Fence;
 use crate::doa::{array, radio};
 use crate::guidance::{Config, param, turning};
 use crate::landing;
@@ -18,18 +16,6 @@ const SEARCH_CELLS: f32 = 14.9;
 
 fn switch(is_on: bool) -> f32 {
     f32::from(u8::from(is_on))
-}
-
-pub(super) fn fence_r(config: &Config) -> Option<f32> {
-    match config.guard.fence {
-        Fence::Circle { radius_m, .. } => Some(radius_m),
-        _ => Some(0.0),
-    }
-}
-
-pub(super) fn set_fence_r(values: &Values, config: &mut Config) {
-    let circle = Fence::Circle { center_ned_m: Horizontal::default(), radius_m: values.get(param::FH_FENCE_R) };
-    config.guard.fence = if values.is_on(param::FH_FENCE_R) { circle } else { Fence::Off };
 }
 
 pub(super) fn obs_fov(config: &Config) -> Option<f32> {

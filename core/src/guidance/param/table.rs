@@ -143,7 +143,7 @@ pub const TABLE: &[Param] = &[
         "m",
         0.0,
         [0.0, 10_000.0],
-        Parts(parts::fence_r, parts::set_fence_r),
+        Value(|config| &mut config.guard.fence.radius_m),
         "Farthest from the origin of the autopilot's local frame, horizontally, 1 m at least; 0: anywhere.",
     ),
     real(
@@ -151,7 +151,7 @@ pub const TABLE: &[Param] = &[
         "m",
         0.5,
         [0.0, 100.0],
-        Value(|config| &mut config.guard.fence_margin_m),
+        Value(|config| &mut config.guard.fence.margin_m),
         "Distance that is kept from the fence, on its inside.",
     ),
     // Obstacle sensor.

@@ -2,7 +2,6 @@ use std::vec::Vec;
 
 use super::*;
 use crate::base::error::Why;
-use crate::control::guard::Fence;
 use crate::doa::radio::Sends;
 use crate::guidance::{self, turning};
 
@@ -28,11 +27,8 @@ const PLACES: &[(&str, Place)] = &[
     ("FH_MARGIN_GRD", |c| c.guard.margin_m),
     ("FH_APPR_RATE", |c| c.guard.approach_rate_per_s),
     ("FH_ALT_BAND", |c| c.guard.altitude_band_m),
-    ("FH_FENCE_MRG", |c| c.guard.fence_margin_m),
-    ("FH_FENCE_R", |c| match c.guard.fence {
-        Fence::Circle { radius_m, .. } => radius_m,
-        _ => 0.0,
-    }),
+    ("FH_FENCE_MRG", |c| c.guard.fence.margin_m),
+    ("FH_FENCE_R", |c| c.guard.fence.radius_m),
     ("FH_OBS_FOV", |c| c.sensor.fov_rad.to_degrees()),
     ("FH_OBS_RANGE", |c| c.sensor.range_m),
     ("FH_OBS_MIN", |c| c.guard.coverage.smallest_obstacle_m),
@@ -176,7 +172,6 @@ fn what_was_applied_is_read_back_and_what_no_parameter_can_say_is_the_default() 
     }
     let mut odd = guidance::Config::default();
     odd.guard.v_max_mps = f32::NAN;
-    odd.guard.fence = Fence::rectangle(Default::default(), crate::base::ned::Horizontal { north: 5.0, east: 5.0 });
     assert_eq!(Values::of(&odd), Values::DEFAULT);
 }
 
