@@ -1,13 +1,13 @@
 //! A path around obstacles: `cargo run --package foxhound-core --example plan`.
 
 use foxhound_core::ConfigError;
-use foxhound_core::base::config::{RangeSensor, Vehicle};
+use foxhound_core::base::config::{Fence, RangeSensor, Vehicle};
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Disc;
 use foxhound_core::planning::planner::{Config, PlanRequest, Verdict, Workspace};
 
 fn main() -> Result<(), ConfigError> {
-    let planner = Config::default().build(&Vehicle::default(), &RangeSensor::default())?;
+    let planner = Config::default().build(&Vehicle::default(), &RangeSensor::default(), &Fence::default())?;
     // 33 KB, reused from plan to plan. Firmware has it in a static.
     let mut workspace = Box::new(Workspace::new());
     let source_ned_m = Horizontal { north: 6.0, east: 0.0 };

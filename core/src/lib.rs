@@ -51,12 +51,12 @@
 //!
 //! ```
 //! # use foxhound_core::ConfigError;
-//! use foxhound_core::base::config::{RangeSensor, Vehicle};
+//! use foxhound_core::base::config::{Fence, RangeSensor, Vehicle};
 //! use foxhound_core::base::ned::Horizontal;
 //! use foxhound_core::base::obstacle::Disc;
 //! use foxhound_core::planning::planner::{Config, PlanRequest, Workspace, Verdict};
 //!
-//! let planner = Config::default().build(&Vehicle::default(), &RangeSensor::default())?;
+//! let planner = Config::default().build(&Vehicle::default(), &RangeSensor::default(), &Fence::default())?;
 //! let known_source_ned_m = Some(Horizontal { north: 6.0, east: 0.0 });
 //! let request = PlanRequest { known_source_ned_m, ..PlanRequest::default() };
 //! let center_ned_m = Horizontal { north: 1.0, east: 0.1 };

@@ -3,7 +3,7 @@
 
 use std::f32::consts::{PI, TAU};
 
-use foxhound_core::base::config::RangeSensor;
+use foxhound_core::base::config::{Fence, RangeSensor};
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Disc;
 use foxhound_core::base::pose::Pose;
@@ -535,7 +535,7 @@ fn search(draw: &mut Draw<'_>) -> Reached {
         seed: draw.word(),
         ..usual
     };
-    let Ok(explorer) = config.build(draw.field(0.2, 0.0, 2.0)) else { return reached };
+    let Ok(explorer) = config.build(draw.field(0.2, 0.0, 2.0), &Fence::DEFAULT) else { return reached };
     reached.configured = true;
     let mut state = explore::State::new();
     let (mut now, mut here, mut began) = (Instant(0), place(draw), None);

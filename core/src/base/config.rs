@@ -116,10 +116,32 @@ impl Fence {
         let (allowed_m, off_m) = (self.radius_m - self.margin_m, from_ned_m.minus(self.center_ned_m).norm());
         if off_m > allowed_m { off_m } else { allowed_m }
     }
+
+    /// The place nearest to another one to which a path from a start may lead.
+    #[must_use]
+    pub fn nearest_inside(&self, place_ned_m: Horizontal, from_ned_m: Horizontal) -> Horizontal {
+        self.center_ned_m.plus(place_ned_m.minus(self.center_ned_m).clamped(self.reach_m(from_ned_m)))
+    }
 }
 
 impl Default for Fence {
     fn default() -> Self {
         Self::DEFAULT
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fence_that_leaves_no_room_is_refused_by_name() {
+        let refused =
+            |radius_m, margin_m| Fence { radius_m, margin_m, ..Fence::DEFAULT }.check().map_err(|error| error.field);
+        assert_eq!([refused(0.0, 2.0), refused(1.0, 0.5)], [Ok(()); 2]);
+        assert_eq!(refused(0.5, 0.1), Err("fence.radius_m"));
+        assert_eq!(refused(f32::NAN, 0.5), Err("fence.radius_m"));
+        assert_eq!(refused(2.0, 2.0), Err("fence.margin_m"));
+        assert_eq!(Fence::DEFAULT.inside(Horizontal::default()), None);
     }
 }

@@ -119,7 +119,7 @@ impl Config {
     /// # Errors
     /// The field that is refused.
     pub fn build_planner(&self) -> Result<Planner, ConfigError> {
-        self.planner.build(&self.vehicle, &self.sensor)
+        self.planner.build(&self.vehicle, &self.sensor, &self.guard.fence)
     }
 
     /// Checks the configuration of every module.

@@ -6,7 +6,7 @@
 //!
 //! 1. marks the cells that the sensor sees: in its range and field of view, and not behind a remembered circle;
 //! 2. takes as candidates the cells that have not been seen, have a neighbour that has, are not in an obstacle and not
-//!    farther than [`Config::radius_m`] from where the search began;
+//!    farther than [`Config::radius_m`] from where the search began, nor outside of the fence;
 //! 3. flood-fills the seen cells from the vehicle's cell, one ring of neighbours after the other, through the sides
 //!    where the vehicle fits between the circles: the number of the ring that reaches a candidate is its distance;
 //! 4. selects the candidate with the smallest sum of path, turning and seeded jitter. The target is kept while it is a
@@ -22,7 +22,7 @@
 
 use core::f32::consts::TAU;
 
-use crate::base::config::RangeSensor;
+use crate::base::config::{Fence, RangeSensor};
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Disc;
@@ -76,11 +76,12 @@ impl Default for Config {
 }
 
 impl Config {
-    /// Checks the configuration. `clearance_m` is the smallest distance of the vehicle's centre from an obstacle's rim.
+    /// Checks the configuration. `clearance_m` is the smallest distance of the vehicle's centre from an obstacle's rim; no
+    /// target lies outside of the fence.
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(&self, clearance_m: f32) -> Result<Explorer, ConfigError> {
+    pub fn build(&self, clearance_m: f32, fence: &Fence) -> Result<Explorer, ConfigError> {
         check("explore.limit_s", self.limit_s, 1.0, 3600.0)?;
         check("explore.cell_m", self.cell_m, 0.2, 20.0)?;
         check("explore.radius_m", self.radius_m, self.cell_m, 300.0)?;
@@ -93,7 +94,7 @@ impl Config {
             let why = Why::Inconsistent("must not be greater than 15 explore.cell_m, the reach of the grid");
             return Err(ConfigError { field: "explore.radius_m", value: self.radius_m, why });
         }
-        Ok(Explorer { config: *self, clearance_m })
+        Ok(Explorer { config: *self, clearance_m, fence: *fence })
     }
 }
 
@@ -102,6 +103,7 @@ impl Config {
 pub struct Explorer {
     config: Config,
     clearance_m: f32,
+    fence: Fence,
 }
 
 /// State of a search.
@@ -248,7 +250,7 @@ impl Explorer {
         // Moving obstacles will have moved on.
         let standing = discs.filter(|disc| !disc.moves);
         let passages = self.passages(&grid, standing);
-        let candidates = self.candidates(state, &grid, &passages);
+        let candidates = self.candidates(state, &grid, here, &passages);
         let Some((cell, is_connected)) = self.choose(state, &grid, pose, &passages, &candidates) else {
             state.target = None;
             return Explored::Exhausted;
@@ -336,7 +338,8 @@ impl Explorer {
         passages
     }
 
-    fn candidates(&self, state: &State, grid: &Grid, passages: &Passages) -> Rows {
+    fn candidates(&self, state: &State, grid: &Grid, here: Horizontal, passages: &Passages) -> Rows {
+        let (radius_m, reach_m) = (self.config.radius_m, self.fence.reach_m(here));
         let mut candidates = [0; SIDE];
         let row = |index: usize| state.looked.get(index).copied().unwrap_or_default();
         for (index, found) in candidates.iter_mut().enumerate() {
@@ -347,8 +350,9 @@ impl Explorer {
                 let column = rest.trailing_zeros();
                 rest &= rest - 1;
                 let place = grid.place_of(Cell { row: index as u8, column: column as u8 });
-                let radius_m = self.config.radius_m;
-                if place.minus(grid.began_ned_m).norm_squared() > radius_m * radius_m {
+                if place.minus(grid.began_ned_m).norm_squared() > radius_m * radius_m
+                    || place.minus(self.fence.center_ned_m).norm_squared() > reach_m * reach_m
+                {
                     *found &= !(1 << column);
                 }
             }

@@ -106,7 +106,7 @@ fn around(range_m: f32) -> RangeSensor {
 
 /// A vehicle that flies where it is sent, on paths that it knows, and knows the circles that it has been near.
 fn fly(config: &Config, sensor: &RangeSensor, world: &[Disc], begins: Horizontal) -> Flight {
-    let explorer = config.build(CLEARANCE_M).unwrap();
+    let explorer = config.build(CLEARANCE_M, &Fence::DEFAULT).unwrap();
     let mut pose = Pose { position_ned_m: begins, yaw_rad: 0.3 };
     let mut flight =
         Flight { poses: Vec::new(), targets: Vec::new(), blocked: 0, outcome: Explored::NoPose, state: State::new() };
@@ -211,8 +211,22 @@ fn no_target_is_farther_from_the_beginning_than_the_radius_and_none_is_in_an_obs
 }
 
 #[test]
+fn no_target_lies_outside_of_the_fence() {
+    let fence = Fence { center_ned_m: at(3.0, 0.0), radius_m: 6.0, ..Fence::DEFAULT };
+    let explorer = Config { limit_s: 3600.0, ..Config::default() }.build(CLEARANCE_M, &fence).unwrap();
+    let (mut state, mut pose, mut targets) = (State::new(), Pose::default(), 0);
+    let outcome = loop {
+        let outcome = explorer.step(&mut state, seconds(targets as f32), &pose, &around(2.0), [].iter());
+        let Explored::Target(target) = outcome else { break outcome };
+        assert!(target.minus(fence.center_ned_m).norm() <= 5.5, "{target:?}");
+        (pose.position_ned_m, targets) = (target, targets + 1);
+    };
+    assert!(outcome == Explored::Exhausted && targets > 10, "{outcome:?} after {targets}");
+}
+
+#[test]
 fn a_search_ends_by_time_and_begins_anew_where_the_vehicle_is_after_its_end() {
-    let explorer = Config { limit_s: 20.0, ..Config::default() }.build(CLEARANCE_M).unwrap();
+    let explorer = Config { limit_s: 20.0, ..Config::default() }.build(CLEARANCE_M, &Fence::DEFAULT).unwrap();
     let mut state = State::new();
     let pose = Pose { position_ned_m: at(40.0, 2.0), yaw_rad: 1.0 };
     let step = |state: &mut State, s: f32, pose: &Pose| explorer.step(state, seconds(s), pose, &around(2.0), [].iter());
@@ -231,7 +245,7 @@ fn a_search_ends_by_time_and_begins_anew_where_the_vehicle_is_after_its_end() {
 /// A bearing now and then, as one false detection is, gives a search neither more time nor another place; a signal that lasts ends it.
 #[test]
 fn a_signal_that_flickers_does_not_renew_a_search() {
-    let explorer = Config { limit_s: 20.0, ..Config::default() }.build(CLEARANCE_M).unwrap();
+    let explorer = Config { limit_s: 20.0, ..Config::default() }.build(CLEARANCE_M, &Fence::DEFAULT).unwrap();
     let mut state = State::new();
     let step = |state: &mut State, s: f32| {
         explorer.step(state, seconds(s), &Pose { position_ned_m: at(s, 0.0), yaw_rad: 1.0 }, &around(2.0), [].iter())
@@ -270,7 +284,7 @@ fn a_target_is_kept_until_it_is_looked_at() {
 
 #[test]
 fn what_is_blocked_is_not_tried_again_and_what_comes_no_nearer_is_blocked() {
-    let explorer = Config { limit_s: 3600.0, ..Config::default() }.build(CLEARANCE_M).unwrap();
+    let explorer = Config { limit_s: 3600.0, ..Config::default() }.build(CLEARANCE_M, &Fence::DEFAULT).unwrap();
     let pose = Pose::default();
     let mut state = State::new();
     let mut tried: Vec<Horizontal> = Vec::new();
@@ -296,7 +310,7 @@ fn what_is_blocked_is_not_tried_again_and_what_comes_no_nearer_is_blocked() {
 
 #[test]
 fn what_is_behind_a_wall_has_not_been_looked_at() {
-    let explorer = Config::default().build(CLEARANCE_M).unwrap();
+    let explorer = Config::default().build(CLEARANCE_M, &Fence::DEFAULT).unwrap();
     let mut state = State::new();
     let pose = Pose::default();
     let world = wall(at(2.0, -8.0), at(2.0, 8.0));
@@ -309,7 +323,7 @@ fn what_is_behind_a_wall_has_not_been_looked_at() {
 
 #[test]
 fn poses_ranges_and_circles_that_are_no_numbers_do_no_harm() {
-    let explorer = Config::default().build(CLEARANCE_M).unwrap();
+    let explorer = Config::default().build(CLEARANCE_M, &Fence::DEFAULT).unwrap();
     let odd = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -1.0, 0.0, 3.0];
     let mut state = State::new();
     let nowhere = Pose { position_ned_m: at(f32::NAN, 0.0), yaw_rad: 0.0 };
@@ -337,9 +351,9 @@ fn poses_ranges_and_circles_that_are_no_numbers_do_no_harm() {
 
 #[test]
 fn a_configuration_that_does_not_fit_its_grid_is_refused() {
-    let refused = |config: Config| config.build(CLEARANCE_M).unwrap_err().field;
+    let refused = |config: Config| config.build(CLEARANCE_M, &Fence::DEFAULT).unwrap_err().field;
     assert_eq!(refused(Config { radius_m: 15.5, ..Config::default() }), "explore.radius_m");
     assert_eq!(refused(Config { limit_s: f32::INFINITY, ..Config::default() }), "explore.limit_s");
-    assert!(Config { radius_m: 30.0, cell_m: 2.0, ..Config::default() }.build(CLEARANCE_M).is_ok());
+    assert!(Config { radius_m: 30.0, cell_m: 2.0, ..Config::default() }.build(CLEARANCE_M, &Fence::DEFAULT).is_ok());
     assert!(core::mem::size_of::<State>() <= 312, "{}", core::mem::size_of::<State>());
 }

@@ -17,7 +17,7 @@
 
 use heapless::Vec;
 
-use crate::base::config::{RangeSensor, Vehicle};
+use crate::base::config::{Fence, RangeSensor, Vehicle};
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Disc, Obstacle};
@@ -135,12 +135,12 @@ impl Config {
         }
     }
 
-    /// Checks the configuration. The sensor decides what counts as searched.
+    /// Checks the configuration. The sensor decides what counts as searched; no path leads out of the fence.
     ///
     /// # Errors
     /// The field that is out of range; or `planner.kind` or `planner.law.kind` if it is one of the papers', with its
     /// number as the value.
-    pub fn build(&self, vehicle: &Vehicle, sensor: &RangeSensor) -> Result<Planner, ConfigError> {
+    pub fn build(&self, vehicle: &Vehicle, sensor: &RangeSensor, fence: &Fence) -> Result<Planner, ConfigError> {
         for (field, number) in [("planner.kind", self.kind as u8), ("planner.law.kind", self.law.kind as u8)] {
             if number != 0 {
                 let why = Why::Inconsistent("the papers' planners and fields are not part of this program");
@@ -167,14 +167,16 @@ impl Config {
         check("planner.checked_segments", f32::from(self.checked_segments), 1.0, WAYPOINTS as f32)?;
         vehicle.check()?;
         sensor.check()?;
+        fence.check()?;
         let clearance_m = vehicle.radius_m + self.margin_m;
         Ok(Planner {
             config: *self,
             vehicle: *vehicle,
             sensor: *sensor,
+            fence: *fence,
             wavefront: self.wavefront.build()?,
             walls: self.walls.build()?,
-            explorer: self.explore.map(|explore| explore.build(clearance_m)).transpose()?,
+            explorer: self.explore.map(|explore| explore.build(clearance_m, fence)).transpose()?,
         })
     }
 }
@@ -371,6 +373,7 @@ pub struct Planner {
     config: Config,
     vehicle: Vehicle,
     sensor: RangeSensor,
+    fence: Fence,
     wavefront: Wavefront,
     walls: walls::Extractor,
     explorer: Option<explore::Explorer>,

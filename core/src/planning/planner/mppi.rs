@@ -20,6 +20,8 @@
 //!
 //! Where no obstacle is near and the range is unknown, the path is bent instead ([`super::bend`]).
 //!
+//! No path leads out of the fence. Where the source lies beyond it, the place inside that is nearest to it takes its place.
+//!
 //! If there is no path to any place where the source may be, the vehicle flies to the reachable place nearest to it,
 //! and gets a brake plan there.
 
@@ -163,11 +165,11 @@ pub(super) fn plan(
     (request, discs): (&PlanRequest, &[Disc]),
     known: Option<Horizontal>,
 ) -> Plan {
-    let Planner { config, vehicle, wavefront, .. } = planner;
+    let Planner { config, vehicle, fence, wavefront, .. } = planner;
     let start = request.start_ned_m;
     let mut rng = Rng::new(request.seed, u64::from(request.id));
     let source = locate(request, known);
-    let toward = source.map_or(request.target_ned_m, |source| source.place_ned_m);
+    let toward = fence.nearest_inside(source.map_or(request.target_ned_m, |source| source.place_ned_m), start);
 
     let Memory { window, path, progress } = &mut workspace.memory;
     if request.begins {
@@ -212,7 +214,7 @@ pub(super) fn plan(
             ..Plan::brake(config, request)
         };
     }
-    wavefront.march(window, start, toward, if far { FAR_SCALE } else { 1.0 }, &workspace.obstacles);
+    wavefront.march(window, start, toward, if far { FAR_SCALE } else { 1.0 }, &workspace.obstacles, fence);
     let support = if known.is_some() { &[] } else { request.support.places() };
     let aim = aim(window, support, &workspace.obstacles, (progress, &*path), toward);
     // From here on only the obstacles that matter within the horizon, with their sigma.
@@ -541,6 +543,7 @@ fn keeps(margin_m: f32, start: Horizontal, trajectory: &[Horizontal], obstacles:
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::config::Fence;
     use crate::planning::wavefront;
 
     #[test]
@@ -555,7 +558,7 @@ mod tests {
                 reach_m: 0.4,
             };
             let obstacles: Vec<Obstacle, 64> = centers.iter().map(obstacle).collect();
-            wavefront.march(&mut window, Horizontal::default(), path[8], 1.0, &obstacles);
+            wavefront.march(&mut window, Horizontal::default(), path[8], 1.0, &obstacles, &Fence::DEFAULT);
             along(&window, &path).map(|(place, _)| place)
         };
         // A pillar beside the path, whose reach covers the path by ten centimetres and more.

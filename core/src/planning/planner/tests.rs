@@ -23,8 +23,11 @@ fn request() -> PlanRequest {
 
 fn plan(request: &PlanRequest, known: &[Disc]) -> (Plan, Workspace) {
     let mut workspace = Workspace::default();
-    let plan =
-        Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap().plan(&mut workspace, request, known);
+    let plan = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT).unwrap().plan(
+        &mut workspace,
+        request,
+        known,
+    );
     (plan, workspace)
 }
 
@@ -41,7 +44,7 @@ fn it_flies_straight_through_the_open() {
 
 #[test]
 fn ours_never_returns_a_path_that_loses_its_margin() {
-    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap();
+    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT).unwrap();
     let mut workspace = Workspace::default();
     let (mut followed, mut braked) = (0, 0);
     for seed in 0..400_u64 {
@@ -88,7 +91,7 @@ fn a_gap_that_may_be_closed_is_flown_to_and_left_when_that_brings_it_no_nearer()
     let wall = (0..40).flat_map(|k| [1.0_f32, -1.0].map(|side| (3.0, side * (0.45 + 0.3 * k as f32), 0.2 + 0.15)));
     let known: Discs = discs(&wall.collect::<std::vec::Vec<_>>());
     let known: Discs = known.into_iter().map(|disc| Disc { sigma_mm: 150, ..disc }).collect();
-    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap();
+    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT).unwrap();
     let mut workspace = Workspace::default();
     let known_source_ned_m = Some(Horizontal { north: 6.0, east: 0.0 });
     let mut east_m = |begins, id| {
@@ -118,7 +121,7 @@ fn wide_wall() -> (PlanRequest, Discs) {
 
 #[test]
 fn a_wall_wider_than_the_window_is_gone_round() {
-    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap();
+    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT).unwrap();
     let (mut workspace, (mut request, known)) = (Workspace::default(), wide_wall());
     let source = request.known_source_ned_m.unwrap();
     for _ in 0..80 {
@@ -135,7 +138,7 @@ fn a_wall_wider_than_the_window_is_gone_round() {
 
 #[test]
 fn who_never_comes_nearer_is_told_that_there_is_no_way_until_it_is_handed_over_again() {
-    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap();
+    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT).unwrap();
     let (mut workspace, (mut request, known)) = (Workspace::default(), wide_wall());
     request.start_ned_m.north = 1.0;
     let mut verdict = |begins| {
@@ -176,7 +179,7 @@ fn bad_gains_are_refused_by_name() {
     let refused = |change: &dyn Fn(&mut Config)| {
         let mut config = Config::default();
         change(&mut config);
-        config.build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap_err().field
+        config.build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT).unwrap_err().field
     };
     assert_eq!(refused(&|c| c.lambda = 0.0), "planner.lambda");
     assert_eq!(refused(&|c| c.gains.k_rep = f32::NAN), "planner.gains.k_rep");
@@ -185,4 +188,41 @@ fn bad_gains_are_refused_by_name() {
     assert_eq!(refused(&|c| c.checked_segments = 0), "planner.checked_segments");
     assert_eq!(refused(&|c| c.kind = Kind::Paper), "planner.kind");
     assert_eq!(refused(&|c| c.law = Law::of(baseline::Kind::Khatib)), "planner.law.kind");
+}
+
+/// Follows the plans from a start to a known source; where it was at each replan.
+fn followed(fence: &Fence, start: Horizontal, source: Horizontal, known: &[Disc]) -> std::vec::Vec<Horizontal> {
+    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, fence).unwrap();
+    let (mut workspace, mut here) = (Workspace::default(), start);
+    let mut places = std::vec![here];
+    for id in 0..60 {
+        let known_source_ned_m = Some(source);
+        let (start_ned_m, position_ned_m) = (here, here);
+        let request = PlanRequest { id, start_ned_m, position_ned_m, known_source_ned_m, ..request() };
+        let plan = planner.plan(&mut workspace, &request, known);
+        here = plan.waypoints_ned_m[3];
+        places.push(here);
+    }
+    places
+}
+
+#[test]
+fn no_path_leads_out_of_the_fence() {
+    let at = |north, east| Horizontal { north, east };
+    let fence = Fence { radius_m: 4.0, ..Fence::DEFAULT };
+    // A wall whose nearer end lies outside.
+    let wall = discs(&std::array::from_fn::<_, 29, _>(|k| (1.5, -2.0 + 0.2 * k as f32, 0.1)));
+    let (start, source) = (at(0.5, 1.0), at(2.7, 1.0));
+    let free = followed(&Fence::DEFAULT, start, source, &wall);
+    assert!(free.iter().any(|place| place.norm() > 3.9), "{free:?}");
+    // Also from where it is not allowed to be.
+    for start in [start, at(0.0, 4.8)] {
+        let fenced = followed(&fence, start, source, &wall);
+        let farthest_m = fenced.iter().map(|place| place.norm()).fold(0.0, f32::max);
+        assert!(farthest_m < start.norm().max(3.5) + 0.1, "{fenced:?}");
+        assert!(fenced[60].minus(source).norm() < 0.4, "{fenced:?}");
+    }
+    // As near to what lies outside as it may.
+    let beyond = followed(&fence, at(0.0, 1.0), at(9.0, 0.0), &[]);
+    assert!(beyond[60].minus(at(3.5, 0.0)).norm() < 0.3, "{beyond:?}");
 }

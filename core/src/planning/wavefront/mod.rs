@@ -12,6 +12,7 @@
 
 use heapless::Vec;
 
+use crate::base::config::Fence;
 use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
@@ -400,7 +401,7 @@ const NEIGHBOURS: [(isize, u32); 8] =
 
 impl Wavefront {
     /// Fills a window around `start_ned_m` with distances. `scale` enlarges the cells, to cover a wider area. An
-    /// obstacle that contains the start is shrunk to end just short of it.
+    /// obstacle that contains the start is shrunk to end just short of it. What lies outside of the fence is closed.
     pub fn march(
         &self,
         window: &mut Window,
@@ -408,6 +409,7 @@ impl Wavefront {
         towards_ned_m: Horizontal,
         scale: f32,
         obstacles: &[Obstacle],
+        fence: &Fence,
     ) {
         let cell_m = self.config.cell_m * scale;
         let half_m = 0.5 * cell_m * SIDE as f32;
@@ -425,6 +427,14 @@ impl Wavefront {
             }
         }
         window.rims = [[0; WORDS]; 2];
+        let reach_m = fence.reach_m(start_ned_m);
+        if reach_m < f32::INFINITY {
+            for cell in 0..CELLS {
+                if window.place_of(cell).minus(fence.center_ned_m).norm_squared() > reach_m * reach_m {
+                    window.close(cell);
+                }
+            }
+        }
         for obstacle in obstacles {
             draw(window, obstacle.center_ned_m, obstacle.reach_m + self.config.clear_m, Tier::Outer);
             draw(window, obstacle.center_ned_m, obstacle.reach_m + self.config.narrow_m, Tier::Inner);

@@ -1,6 +1,7 @@
 //! Tests of the path search.
 
 use super::*;
+use crate::base::config::Fence;
 use crate::base::rng::Rng;
 use std::boxed::Box;
 use std::vec::Vec as StdVec;
@@ -11,7 +12,7 @@ fn pillar(north: f32, east: f32, reach_m: f32) -> Obstacle {
 
 fn march(start: Horizontal, obstacles: &[Obstacle]) -> Box<Window> {
     let mut window = Box::new(Window::new());
-    Config::default().build().unwrap().march(&mut window, start, start, 1.0, obstacles);
+    Config::default().build().unwrap().march(&mut window, start, start, 1.0, obstacles, &Fence::DEFAULT);
     assert_eq!(window.dropped(), 0);
     window
 }
@@ -97,7 +98,7 @@ fn any_obstacles_and_any_start_end_in_a_bounded_march() {
         let mut window = Box::new(Window::new());
         let (start, towards) =
             (Horizontal { north: number(), east: number() }, Horizontal { north: number(), east: number() });
-        Config::default().build().unwrap().march(&mut window, start, towards, 1.0, &obstacles);
+        Config::default().build().unwrap().march(&mut window, start, towards, 1.0, &obstacles, &Fence::DEFAULT);
         let exit = window.best_exit(towards);
         assert!(exit.is_none_or(|place| window.route(place).len() <= ROUTE_MAX));
     }

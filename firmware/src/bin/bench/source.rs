@@ -4,7 +4,7 @@
 use core::f32::consts::TAU;
 use core::hint::black_box;
 
-use foxhound_core::base::config::RangeSensor;
+use foxhound_core::base::config::{Fence, RangeSensor};
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Disc;
 use foxhound_core::base::pose::Pose;
@@ -233,7 +233,7 @@ const CLEARANCE_M: f32 = 0.2;
 /// A room of as many circles as the map holds, with a door, and obstacles outside.
 #[inline(never)]
 fn search(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    let Ok(explorer) = explore::Config::default().build(CLEARANCE_M) else {
+    let Ok(explorer) = explore::Config::default().build(CLEARANCE_M, &Fence::DEFAULT) else {
         Twin::halt(format_args!("the search does not build"))
     };
     let (mut state, mut rng) = (explore::State::new(), Rng::new(6, 40));

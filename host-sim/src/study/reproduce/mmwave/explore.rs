@@ -4,7 +4,7 @@
 //! of that has been looked at.
 
 use foxhound_core::ConfigError;
-use foxhound_core::base::config::RangeSensor;
+use foxhound_core::base::config::{Fence, RangeSensor};
 use foxhound_core::base::obstacle::Disc;
 use foxhound_core::base::pose::Pose;
 use foxhound_core::base::time::Instant;
@@ -33,7 +33,7 @@ impl Explorer {
     /// None that the built-in configuration could cause.
     pub(super) fn new(seed: u64) -> Result<Self, ConfigError> {
         let config = explore::Config { limit_s: 3600.0, seed: seed as u32, ..explore::Config::default() };
-        Ok(Self { explorer: config.build(CLEARANCE_M)?, state: explore::State::new() })
+        Ok(Self { explorer: config.build(CLEARANCE_M, &Fence::DEFAULT)?, state: explore::State::new() })
     }
 
     /// There is no path to the target.
