@@ -44,6 +44,12 @@ pub const BLOCK_LENGTHS: [usize; 5] = [64, 128, 256, 512, 1024];
 /// Samples of a channel that make one frame of a recording that has none of its own; a shorter one is one frame.
 pub(super) const FRAME: usize = 1024;
 
+/// Where the frames of a recording begin. The last one is the last samples, some of which may be in the one before as well: none is
+/// left out.
+pub(super) fn frame_starts(samples: usize, frame: usize) -> impl Iterator<Item = usize> {
+    (0..samples.div_ceil(frame)).map(move |k| (k * frame).min(samples - frame))
+}
+
 /// Frames of four channels of signed 12-bit samples.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Recording {

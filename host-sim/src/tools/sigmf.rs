@@ -9,7 +9,7 @@ use std::path::Path;
 use num_complex::Complex32;
 use serde_json::Value;
 
-use super::frames::FRAME;
+use super::frames::{FRAME, frame_starts};
 use crate::scenario::input::{InputError, read_text};
 
 /// Reads a recording: channels, samples of a frame, the frames' values, channel after channel, and their type.
@@ -116,10 +116,8 @@ impl Meta {
         };
         let samples = (bytes.len() / one).min(FRAME);
         let mut values = Vec::with_capacity(bytes.len() / item);
-        let frame_bytes = one * samples;
-        // The last frame is the last samples, some of which may be in the one before as well: none is left out.
-        let starts = (0..bytes.len().div_ceil(frame_bytes)).map(|k| (k * frame_bytes).min(bytes.len() - frame_bytes));
-        for frame in starts.map(|start| &bytes[start..start + frame_bytes]) {
+        for frame in frame_starts(bytes.len() / one, samples).map(|start| &bytes[one * start..one * (start + samples)])
+        {
             for channel in 0..self.channels {
                 values.extend(frame.chunks_exact(one).map(|sample| {
                     let (re, im) = sample[channel * item..(channel + 1) * item].split_at(item / 2);

@@ -6,7 +6,7 @@ use std::path::Path;
 use hound::{SampleFormat, WavReader};
 use num_complex::Complex32;
 
-use super::frames::FRAME;
+use super::frames::{FRAME, frame_starts};
 use crate::scenario::input::InputError;
 
 /// A recording in frames, channel after channel.
@@ -57,12 +57,13 @@ fn parse(bytes: &[u8], antennas: usize, sample_rate_hz: f64) -> Result<Recording
     };
     let is_real = channels == antennas;
     let width = if is_real { 1 } else { 2 };
-    let samples = (all.len() / channels).min(FRAME);
+    let count = all.len() / channels;
+    let samples = count.min(FRAME);
     if samples == 0 {
         return Err(InputError::new("no samples"));
     }
     let mut values = Vec::with_capacity(all.len() / width);
-    for frame in all.chunks_exact(channels * samples) {
+    for frame in frame_starts(count, samples).map(|start| &all[channels * start..channels * (start + samples)]) {
         for antenna in 0..antennas {
             values.extend(frame.chunks_exact(channels).map(|sample| match &sample[antenna * width..][..width] {
                 [re, im] => Complex32::new(*re, *im),
@@ -73,4 +74,22 @@ fn parse(bytes: &[u8], antennas: usize, sample_rate_hz: f64) -> Result<Recording
     let sort = if is_real { "real samples" } else { "I and Q" };
     let format = if spec.sample_format == SampleFormat::Float { "float" } else { "int" };
     Ok(Recording { channels: antennas, samples, values, is_real, kind: format!("WAV {format}{bits}, {sort}") })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hound::{WavSpec, WavWriter};
+
+    #[test]
+    fn no_sample_is_left_out() {
+        let spec = WavSpec { channels: 2, sample_rate: 1000, bits_per_sample: 16, sample_format: SampleFormat::Int };
+        let mut bytes = Vec::new();
+        let mut writer = WavWriter::new(Cursor::new(&mut bytes), spec).unwrap();
+        (0..2 * 2500_i16).for_each(|value| writer.write_sample(value).unwrap());
+        writer.finalize().unwrap();
+        let recording = parse(&bytes, 2, 1000.0).unwrap();
+        assert_eq!((recording.samples, recording.values.len()), (FRAME, 3 * 2 * FRAME));
+        assert_eq!(recording.values.last().unwrap().re, 4999.0 / 32_768.0);
+    }
 }
