@@ -13,24 +13,8 @@ use foxhound_core::planning::planner::Workspace;
 
 /// A bearing as good as a strong beacon gives, from elsewhere: with antennas it is `FrontEnd::Frame`.
 fn bearing(time: Instant, azimuth_rad: f32) -> Bearing {
-    let quality = Quality {
-        snr_db: 20.0,
-        frequency_hz: 1e4,
-        closure_chi2: 1.0,
-        wavenumber: 1.0,
-        coherence: None,
-        range_hint_m: None,
-    };
-    Bearing {
-        time,
-        valid: true,
-        azimuth_rad,
-        sigma_rad: 0.01,
-        elevation_rad: 0.0,
-        elevation_sigma_rad: 0.3,
-        quality,
-        flags: Flags::default(),
-    }
+    let quality = Quality { snr_db: 20.0, wavenumber: 1.0, ..Quality::default() };
+    Bearing { valid: true, azimuth_rad, sigma_rad: 0.01, ..Bearing::without(time, quality, Flags::default()) }
 }
 
 fn main() -> Result<(), ConfigError> {

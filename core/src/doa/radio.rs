@@ -71,16 +71,9 @@ impl Mount {
     /// The bearing of an azimuth that it has measured, clockwise from its zero.
     #[must_use]
     pub fn bearing(&self, time: Instant, azimuth_rad: f32) -> Bearing {
-        self.mounted(&Bearing {
-            time,
-            valid: true,
-            azimuth_rad,
-            sigma_rad: self.sigma_rad,
-            elevation_rad: 0.0,
-            elevation_sigma_rad: FRAC_PI_2,
-            quality: Quality { wavenumber: 1.0, ..Quality::default() },
-            flags: Flags::default(),
-        })
+        let quality = Quality { wavenumber: 1.0, ..Quality::default() };
+        let without = Bearing::without(time, quality, Flags::default());
+        self.mounted(&Bearing { valid: true, azimuth_rad, sigma_rad: self.sigma_rad, ..without })
     }
 }
 

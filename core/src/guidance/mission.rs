@@ -394,6 +394,16 @@ mod tests {
         }
     }
 
+    /// All is of this moment.
+    fn fresh_at(now: Instant) -> Input {
+        let at = Some(now);
+        Input { now, position: at, attitude: at, obstacles: at, bearing: at, ..fresh() }
+    }
+
+    fn step_at(step: u64) -> Instant {
+        Instant(NOW.0 + step * 20_000)
+    }
+
     fn admit(input: &Input) -> Outcome {
         Config::default().build().unwrap().admit(&mut State::default(), input)
     }
@@ -484,17 +494,8 @@ mod tests {
         let (mission, mut state) = (Config::default().build().unwrap(), State::default());
         mission.conclude(&mut state, NOW, Progress::NoPath);
         let later = |s: u64| {
-            let at = Instant(NOW.0 + s * 1_000_000);
             let place_ned_m = Horizontal { north: s as f32 * 2.0, east: 0.0 };
-            Input {
-                now: at,
-                position: Some(at),
-                attitude: Some(at),
-                obstacles: Some(at),
-                bearing: Some(at),
-                place_ned_m,
-                ..fresh()
-            }
+            Input { place_ned_m, ..fresh_at(step_at(50 * s)) }
         };
         assert_eq!(mission.admit(&mut state, &later(14)), Outcome::Nominal);
         let outcome = mission.admit(&mut state, &later(16));
@@ -511,12 +512,9 @@ mod tests {
         for progress in [Progress::NoPath, Progress::Following] {
             let mut state = State::default();
             let outcome = |state: &mut State, step: u64, has_signal: bool, has_obstacles: bool| {
-                let now = Instant(NOW.0 + step * 20_000);
-                let at = Some(now);
-                let bearing = if has_signal { at } else { None };
-                let obstacles = if has_obstacles { at } else { None };
-                let outcome =
-                    mission.admit(state, &Input { now, position: at, attitude: at, obstacles, bearing, ..fresh() });
+                let now = step_at(step);
+                let (bearing, obstacles) = (has_signal.then_some(now), has_obstacles.then_some(now));
+                let outcome = mission.admit(state, &Input { obstacles, bearing, ..fresh_at(now) });
                 if outcome == Outcome::Nominal {
                     mission.conclude(state, now, progress);
                 }
@@ -542,9 +540,8 @@ mod tests {
         let mission = Config::default().build().unwrap();
         let mut state = State::default();
         let step = |state: &mut State, step: u64, has_obstacles: bool, progress: Progress| {
-            let now = Instant(NOW.0 + step * 20_000);
-            let (at, obstacles) = (Some(now), has_obstacles.then_some(now));
-            let input = Input { now, position: at, attitude: at, obstacles, bearing: at, ..fresh() };
+            let now = step_at(step);
+            let input = Input { obstacles: has_obstacles.then_some(now), ..fresh_at(now) };
             let outcome = mission.admit(state, &input);
             if outcome == Outcome::Nominal {
                 mission.conclude(state, now, progress);
@@ -570,10 +567,8 @@ mod tests {
         ] {
             let mut state = State::default();
             let given_up = (0..10_000).find(|step| {
-                let at = Some(Instant(NOW.0 + step * 20_000));
                 let is_plan_late = (100..100 + late_steps).contains(step);
-                let input = Input { now: Instant(NOW.0 + step * 20_000), is_plan_late, ..fresh() };
-                let input = Input { position: at, attitude: at, obstacles: at, bearing: at, ..input };
+                let input = Input { is_plan_late, ..fresh_at(step_at(*step)) };
                 let outcome = mission.admit(&mut state, &input);
                 mission.conclude(&mut state, input.now, if is_plan_late { Progress::Late } else { progress });
                 outcome == Outcome::GoalUnreachable
@@ -589,13 +584,15 @@ mod tests {
         let run = |without_steps: u64| {
             let mut state = State::default();
             (0..5_000_u64).find(|step| {
-                let now = Instant(NOW.0 + step * 20_000);
-                let (at, place_ned_m) = (Some(now), Horizontal { north: 0.02 * *step as f32, east: 0.0 });
-                let input =
-                    Input { now, position: at, attitude: at, obstacles: at, bearing: at, place_ned_m, ..fresh() };
+                let place_ned_m = Horizontal { north: 0.02 * *step as f32, east: 0.0 };
+                let input = Input { place_ned_m, ..fresh_at(step_at(*step)) };
                 let outcome = mission.admit(&mut state, &input);
                 let is_without = step % 100 < without_steps;
-                mission.conclude(&mut state, now, if is_without { Progress::NoPath } else { Progress::Following });
+                mission.conclude(
+                    &mut state,
+                    input.now,
+                    if is_without { Progress::NoPath } else { Progress::Following },
+                );
                 outcome == Outcome::GoalUnreachable
             })
         };
@@ -611,18 +608,8 @@ mod tests {
             let mut state = State::default();
             (0..100_u64)
                 .map(|s| {
-                    let at = Instant(NOW.0 + s * 1_000_000);
                     let place_ned_m = Horizontal { north: speed_mps * s as f32, east: 0.0 };
-                    let input = Input {
-                        now: at,
-                        position: Some(at),
-                        attitude: Some(at),
-                        obstacles: Some(at),
-                        bearing: Some(at),
-                        place_ned_m,
-                        ..fresh()
-                    };
-                    mission.admit(&mut state, &input)
+                    mission.admit(&mut state, &Input { place_ned_m, ..fresh_at(step_at(50 * s)) })
                 })
                 .position(|outcome| outcome == Outcome::GoalUnreachable)
         };

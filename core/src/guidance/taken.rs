@@ -205,22 +205,16 @@ fn the_newest_look_is_in_the_map_and_with_the_guard_or_its_refusal_is_counted() 
                 }
             }
             let overflown = state.map().overflow_count();
-            let output = guidance.step(
-                &mut state,
-                &Input {
-                    now,
-                    front_end: if frame { FrontEnd::Frame(&snapshot) } else { FrontEnd::Nothing },
-                    ownship: expected.ownship,
-                    scan: scan.as_ref().map(|(scan, _)| scan),
-                    points: points.as_ref().map(|(points, _)| points),
-                    circles: circles.as_deref(),
-                    look: None,
-                    height_m: None,
-                    is_landed: false,
-                    control: Control::Granted,
-                    answer: None,
-                },
-            );
+            let input = Input {
+                front_end: if frame { FrontEnd::Frame(&snapshot) } else { FrontEnd::Nothing },
+                ownship: expected.ownship,
+                scan: scan.as_ref().map(|(scan, _)| scan),
+                points: points.as_ref().map(|(points, _)| points),
+                circles: circles.as_deref(),
+                control: Control::Granted,
+                ..Input::at(now)
+            };
+            let output = guidance.step(&mut state, &input);
 
             if circles.is_some() {
                 let taken = expected.pose(now);

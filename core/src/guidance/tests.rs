@@ -5,12 +5,14 @@ use crate::base::config::Fence;
 use crate::base::ned::Ned;
 use crate::base::obstacle::{Disc, Neighbour};
 use crate::base::ownship::Agreement;
+use crate::base::rng::Rng;
 use crate::base::units::wrap_pi;
 use crate::control::guard::GuardInput;
 use crate::control::track::Demand;
 use crate::control::vehicle::Vehicle;
 use crate::doa::bearing::{Flags, Quality};
 use crate::landing;
+use crate::mapping::scan::{Frame, SECTORS_MAX, Sector};
 use crate::planning::planner::{self, Workspace};
 use std::vec::Vec as StdVec;
 
@@ -51,16 +53,8 @@ impl Flight {
 
     fn bearing(&self, now: Instant) -> Bearing {
         let azimuth_rad = wrap_pi(self.source.minus(self.vehicle.position).bearing_rad() - self.vehicle.yaw_rad);
-        Bearing {
-            time: now,
-            valid: true,
-            azimuth_rad,
-            sigma_rad: 0.01,
-            elevation_rad: 0.0,
-            elevation_sigma_rad: 1.0,
-            quality: Quality::default(),
-            flags: Flags::default(),
-        }
+        let without = Bearing::without(now, Quality::default(), Flags::default());
+        Bearing { valid: true, azimuth_rad, sigma_rad: 0.01, elevation_sigma_rad: 1.0, ..without }
     }
 
     fn visible(&self) -> StdVec<Circle> {
@@ -80,28 +74,14 @@ impl Flight {
         for step in 0..(seconds / DT) as u32 {
             let now = Instant(1_000_000 + u64::from(step) * 20_000);
             let circles = self.visible();
-            let ned = |h: Horizontal| Ned { north: h.north, east: h.east, down: -5.0 };
-            let ownship = Ownship {
-                position_time: now,
-                position_ned_m: ned(self.vehicle.position),
-                velocity_ned_mps: ned(self.vehicle.velocity),
-                attitude_time: now,
-                yaw_rad: self.vehicle.yaw_rad,
-                ..Ownship::default()
-            };
             let answer = ready.take_if(|(at, _)| *at <= step).map(|(_, answer)| answer);
             let mut input = Input {
-                now,
                 front_end: FrontEnd::Bearing(self.bearing(now)),
-                ownship: Some(ownship),
-                scan: None,
-                points: None,
+                ownship: Some(heard(&self.vehicle, now)),
                 circles: Some(&circles),
-                look: None,
-                height_m: None,
-                is_landed: false,
                 control: Control::Granted,
                 answer: answer.as_ref(),
+                ..Input::at(now)
             };
             twist(step, &mut input);
             let output = guidance.step(&mut state, &input);
@@ -134,6 +114,42 @@ const PILLARS: [(f32, f32, f32); 7] = [
     (6.4, -0.6, 0.3),
     (8.0, 0.4, 0.25),
 ];
+
+/// What the autopilot reports of a vehicle 5 m up.
+fn heard(vehicle: &Vehicle, now: Instant) -> Ownship {
+    let ned = |h: Horizontal| Ned { north: h.north, east: h.east, down: -5.0 };
+    Ownship {
+        position_time: now,
+        position_ned_m: ned(vehicle.position),
+        velocity_ned_mps: ned(vehicle.velocity),
+        attitude_time: now,
+        yaw_rad: vehicle.yaw_rad,
+        ..Ownship::default()
+    }
+}
+
+/// A tone at a frequency, a little later from channel to channel, and noise.
+fn frame(now: Instant, bins: f32, amplitude: f32, turns_a_channel: f32, rng: &mut Rng) -> AdcFrame<256> {
+    let mut frame = AdcFrame { time: now, ..AdcFrame::zeroed() };
+    for (channel, row) in frame.codes.iter_mut().enumerate() {
+        for (n, code) in row.iter_mut().enumerate() {
+            let turns = bins * n as f32 / 256.0 + turns_a_channel * channel as f32;
+            *code = (amplitude * libm::cosf(core::f32::consts::TAU * turns) + 40.0 * rng.gaussian()) as i16;
+        }
+    }
+    frame
+}
+
+/// A scan of 72 rays ahead.
+fn scan(now: Instant, sector: impl Fn(usize) -> Sector) -> Scan {
+    Scan {
+        time: now,
+        first_azimuth_rad: -0.7,
+        step_rad: 0.02,
+        range_max_m: 3.0,
+        rays: (0..SECTORS_MAX).map(sector).collect(),
+    }
+}
 
 fn known<const N: usize>(state: &State<N>) -> std::vec::Vec<Disc> {
     state.surroundings.map.discs().collect()
@@ -390,7 +406,7 @@ fn a_lost_bearing_brakes_within_the_acceleration_limit_and_holds() {
 #[test]
 fn in_a_crowd_the_fast_loop_heeds_the_nearest_obstacles_and_otherwise_all_that_are_near() {
     let guidance = Config::default().build::<64>().unwrap();
-    let mut rng = crate::base::rng::Rng::new(6, 0);
+    let mut rng = Rng::new(6, 0);
     for crowd in [0, 10, 64, 65, 100, 192] {
         let mut state = guidance.start();
         let circles: StdVec<Circle> = (0..crowd)
@@ -451,14 +467,7 @@ fn beside_the_fence_it_gives_way_along_it() {
         let mut closest_m = f32::INFINITY;
         for step in 0..300_u64 {
             let now = Instant(1_000_000 + step * 20_000);
-            let ned = |h: Horizontal| Ned { north: h.north, east: h.east, down: -5.0 };
-            let ownship = Ownship {
-                position_time: now,
-                position_ned_m: ned(vehicle.position),
-                velocity_ned_mps: ned(vehicle.velocity),
-                attitude_time: now,
-                ..Ownship::default()
-            };
+            let ownship = Ownship { yaw_rad: 0.0, ..heard(&vehicle, now) };
             let velocity_ned_mps = heading.times(1.2);
             let center_ned_m = from.plus(velocity_ned_mps.times(step as f32 * DT));
             let walker = [Circle { center_ned_m, radius_m: 0.3, velocity_ned_mps }];
@@ -524,7 +533,7 @@ fn a_vehicle_that_hears_nothing_but_single_points_stops_before_what_they_show() 
     for step in 0..1500_u64 {
         let now = Instant(1_000_000 + step * 20_000);
         // Eight beams, every fifth step, of which those ahead see the wall across the path.
-        let mut points = Points { time: now, frame: scan::Frame::Body, ..Points::default() };
+        let mut points = Points { time: now, frame: Frame::Body, ..Points::default() };
         for beam in 0..8 {
             let azimuth = beam as f32 * core::f32::consts::FRAC_PI_4;
             let range_m = (wall_m - flight.vehicle.position.north) / libm::cosf(azimuth + flight.vehicle.yaw_rad);
@@ -532,31 +541,15 @@ fn a_vehicle_that_hears_nothing_but_single_points_stops_before_what_they_show() 
                 points.points_m.push(Horizontal::from_bearing(azimuth).times(range_m)).unwrap();
             }
         }
-        let ned = |h: Horizontal| Ned { north: h.north, east: h.east, down: -5.0 };
-        let ownship = Ownship {
-            position_time: now,
-            position_ned_m: ned(flight.vehicle.position),
-            velocity_ned_mps: ned(flight.vehicle.velocity),
-            attitude_time: now,
-            yaw_rad: flight.vehicle.yaw_rad,
-            ..Ownship::default()
+        let input = Input {
+            front_end: FrontEnd::Bearing(flight.bearing(now)),
+            ownship: Some(heard(&flight.vehicle, now)),
+            points: (step % 5 == 0).then_some(&points),
+            control: Control::Granted,
+            answer: answer.as_ref(),
+            ..Input::at(now)
         };
-        let output = guidance.step(
-            &mut state,
-            &Input {
-                now,
-                front_end: FrontEnd::Bearing(flight.bearing(now)),
-                ownship: Some(ownship),
-                scan: None,
-                points: (step % 5 == 0).then_some(&points),
-                circles: None,
-                look: None,
-                height_m: None,
-                is_landed: false,
-                control: Control::Granted,
-                answer: answer.as_ref(),
-            },
-        );
+        let output = guidance.step(&mut state, &input);
         answer = output.plan_requested.then(|| planner.answer(&mut workspace, state.request(), &known(&state)));
         flight.vehicle.follow(&output.setpoint);
         fastest = fastest.max(flight.vehicle.velocity.north);
@@ -582,36 +575,21 @@ fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
     let guidance = Config::default().build::<256>().unwrap();
     let (planner, mut workspace) = (Config::default().build_planner().unwrap(), Workspace::default());
     let (mut whole, mut parted, mut again) = (guidance.start(), guidance.start(), guidance.start());
-    let mut rng = crate::base::rng::Rng::new(31, 0);
+    let mut rng = Rng::new(31, 0);
     let mut answer = None;
     let mut heard_count = 0;
     for step in 0..500_u64 {
         let now = Instant(1_000_000 + step * 20_000);
-        let mut snapshot = AdcFrame::<256>::zeroed();
-        snapshot.time = now;
         // The beacon is silent for a while, and then transmits on another frequency.
         let bins = if step < 300 { 20.3 } else { 33.8 };
         let amplitude = if (200..260).contains(&step) { 0.0 } else { 900.0 };
-        for (channel, row) in snapshot.codes.iter_mut().enumerate() {
-            for (n, code) in row.iter_mut().enumerate() {
-                let turns = bins * n as f32 / 256.0 + 0.2 * channel as f32;
-                *code = (amplitude * libm::cosf(core::f32::consts::TAU * turns) + 40.0 * rng.gaussian()) as i16;
-            }
-        }
+        let snapshot = frame(now, bins, amplitude, 0.2, &mut rng);
         // Eight obstacles, and nothing between them.
         let far_m: [f32; 8] = core::array::from_fn(|k| 1.8 + 0.2 * (k % 4) as f32 + 0.01 * rng.gaussian());
-        let sectors: [scan::Sector; scan::SECTORS_MAX] = core::array::from_fn(|index| match far_m.get(index / 9) {
-            Some(far_m) if index % 9 < 5 => scan::Sector::Hit(*far_m),
-            _ => scan::Sector::Clear,
+        let look = scan(now, |index| match far_m.get(index / 9) {
+            Some(far_m) if index % 9 < 5 => Sector::Hit(*far_m),
+            _ => Sector::Clear,
         });
-        let step_rad = 0.02;
-        let look = Scan {
-            time: now,
-            first_azimuth_rad: -0.7,
-            step_rad,
-            range_max_m: 3.0,
-            rays: sectors.into_iter().collect(),
-        };
         let ownship = Ownship {
             position_time: now,
             position_ned_m: Ned { north: 0.003 * step as f32, east: 0.0, down: -5.0 },
@@ -619,17 +597,12 @@ fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
             ..Ownship::default()
         };
         let input = Input {
-            now,
             front_end: FrontEnd::Frame(&snapshot),
             ownship: Some(ownship),
             scan: step.is_multiple_of(5).then_some(&look),
-            points: None,
-            circles: None,
-            look: None,
-            height_m: None,
-            is_landed: false,
             control: Control::Granted,
             answer: answer.as_ref(),
+            ..Input::at(now)
         };
         let output = guidance.step(&mut whole, &input);
         // As the flight computer does it: measure, then step.
@@ -651,15 +624,10 @@ fn however_much_is_delivered_with_it_a_tone_is_heard_in_its_first_frame() {
         [(0, 0.0, false), (1, 0.3, false), (12, 0.0, false), (12, 0.3, true), (40, 0.0, true)]
     {
         let mut state = guidance.start();
-        let mut rng = crate::base::rng::Rng::new(32, 0);
+        let mut rng = Rng::new(32, 0);
         let missed = (0..100_u64).find(|step| {
             let now = Instant(1_000_000 + step * 20_000);
-            let mut snapshot = AdcFrame::<256>::zeroed();
-            snapshot.time = now;
-            for (n, code) in snapshot.codes.as_flattened_mut().iter_mut().enumerate() {
-                let turns = 20.3 * (n % 256) as f32 / 256.0;
-                *code = (900.0 * libm::cosf(core::f32::consts::TAU * turns) + 40.0 * rng.gaussian()) as i16;
-            }
+            let snapshot = frame(now, 20.3, 900.0, 0.0, &mut rng);
             let circles: StdVec<Circle> = (0..count)
                 .map(|index| {
                     let far_m = 1.5 + 0.08 * index as f32;
@@ -668,29 +636,14 @@ fn however_much_is_delivered_with_it_a_tone_is_heard_in_its_first_frame() {
                     Circle { center_ned_m, radius_m: 0.1, ..Circle::default() }
                 })
                 .collect();
-            let sectors: [scan::Sector; scan::SECTORS_MAX] = core::array::from_fn(|index| match index % 9 {
-                0..5 => scan::Sector::Hit(1.8),
-                _ => scan::Sector::Clear,
-            });
-            let look = Scan {
-                time: now,
-                first_azimuth_rad: -0.7,
-                step_rad: 0.02,
-                range_max_m: 3.0,
-                rays: sectors.into_iter().collect(),
-            };
+            let look = scan(now, |index| if index % 9 < 5 { Sector::Hit(1.8) } else { Sector::Clear });
             let input = Input {
-                now,
                 front_end: FrontEnd::Frame(&snapshot),
                 ownship: Some(Ownship { position_time: now, attitude_time: now, ..Ownship::default() }),
                 scan: scans.then_some(&look),
-                points: None,
                 circles: Some(&circles),
-                look: None,
-                height_m: None,
-                is_landed: false,
                 control: Control::Granted,
-                answer: None,
+                ..Input::at(now)
             };
             guidance.step(&mut state, &input).bearing.is_none_or(|bearing| bearing.quality.snr_db < 10.0)
         });

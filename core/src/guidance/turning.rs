@@ -354,16 +354,8 @@ mod tests {
             for channel in (0..CHANNELS).filter(|channel| sounds && !living.contains(channel)) {
                 flags = flags.with(Flags::dead(channel));
             }
-            let bearing = Bearing {
-                time: ownship.attitude_time,
-                valid: sounds && living.len() >= LIVING_MIN,
-                azimuth_rad: 0.0,
-                sigma_rad: 0.01,
-                elevation_rad: 0.0,
-                elevation_sigma_rad: 1.0,
-                quality: Quality::default(),
-                flags,
-            };
+            let without = Bearing::without(ownship.attitude_time, Quality::default(), flags);
+            let bearing = Bearing { valid: sounds && living.len() >= LIVING_MIN, sigma_rad: 0.01, ..without };
             let is_used = self.turning.notice(&mut self.state, &bearing);
             let turned =
                 is_used.then(|| self.turning.step(&mut self.state, &bearing, Some(&phasors), &ownship)).flatten();

@@ -138,16 +138,7 @@ mod tests {
     use crate::doa::bearing::{Flags, Quality};
 
     fn bearing(time_us: u64, sigma_rad: f32) -> Bearing {
-        Bearing {
-            time: Instant(time_us),
-            valid: true,
-            azimuth_rad: 0.0,
-            sigma_rad,
-            elevation_rad: 0.0,
-            elevation_sigma_rad: 1.0,
-            quality: Quality::default(),
-            flags: Flags::default(),
-        }
+        Bearing { valid: true, sigma_rad, ..Bearing::without(Instant(time_us), Quality::default(), Flags::default()) }
     }
 
     #[test]

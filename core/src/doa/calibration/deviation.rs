@@ -151,16 +151,8 @@ mod tests {
     use std::f64::consts::TAU;
 
     fn bearing(azimuth_rad: f64) -> Bearing {
-        Bearing {
-            time: Instant(0),
-            valid: true,
-            azimuth_rad: wrap_pi(azimuth_rad as f32),
-            sigma_rad: 0.002,
-            elevation_rad: 0.0,
-            elevation_sigma_rad: 0.1,
-            quality: Quality::default(),
-            flags: Flags::default(),
-        }
+        let without = Bearing::without(Instant(0), Quality::default(), Flags::default());
+        Bearing { valid: true, azimuth_rad: wrap_pi(azimuth_rad as f32), sigma_rad: 0.002, ..without }
     }
 
     /// The estimate for a truth: an airframe that turns bearings by up to 9 deg, 0.2 of it in the fifth harmonic.

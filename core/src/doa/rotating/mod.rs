@@ -187,17 +187,14 @@ impl Rotation {
         let [forward, right, _] = ownship.to_body(self.bearing_ned_rad - ownship.yaw_at(time), depression_rad);
         let sigma_rad = self.independent_sigma_rad();
         let useful = sigma_rad < core::f32::consts::FRAC_PI_2;
+        // One antenna has neither closure nor coherence; a wavenumber of zero means that the elevation is unknown.
+        let quality = Quality { snr_db: self.contrast_db, ..Quality::default() };
+        let flags = if self.ambiguous { Flags::AMBIGUOUS } else { Flags::default() };
         Bearing {
-            time,
             valid: useful && !self.ambiguous,
             azimuth_rad: wrap_pi(libm::atan2f(right, forward)),
             sigma_rad: if useful { sigma_rad } else { core::f32::consts::PI },
-            elevation_rad: 0.0,
-            elevation_sigma_rad: core::f32::consts::FRAC_PI_2,
-            // One antenna has neither closure nor coherence; a wavenumber of zero means that the elevation is
-            // unknown.
-            quality: Quality { snr_db: self.contrast_db, ..Quality::default() },
-            flags: if self.ambiguous { Flags::AMBIGUOUS } else { Flags::default() },
+            ..Bearing::without(time, quality, flags)
         }
     }
 }

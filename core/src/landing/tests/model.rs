@@ -324,15 +324,12 @@ impl Flight {
             let bearing = Horizontal { north: to[0], east: to[1] }.bearing_rad() - self.yaw_rad;
             let outlier = self.rng.uniform() < world.outlier_share;
             let off = if outlier { core::f32::consts::TAU * self.rng.uniform() } else { sigma * self.rng.gaussian() };
+            let quality = Quality { wavenumber: 1.0, ..quality };
             return Bearing {
-                time,
                 valid: true,
                 azimuth_rad: crate::base::units::wrap_pi(bearing + off + world.bias_rad * libm::sinf(9.0 * north + a)),
                 sigma_rad: if sigma > 1e-3 { sigma } else { 1e-3 },
-                elevation_rad: 0.0,
-                elevation_sigma_rad: core::f32::consts::FRAC_PI_2,
-                quality: Quality { wavenumber: 1.0, ..quality },
-                flags: Flags::default(),
+                ..Bearing::without(time, quality, Flags::default())
             };
         }
         let k = libm::sqrtf(forward * forward + right * right);

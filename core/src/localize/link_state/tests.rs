@@ -5,16 +5,8 @@ use crate::base::units::wrap_pi;
 use crate::doa::bearing::{Flags, Quality};
 
 fn bearing(index: usize, sigma_rad: f32, quality: Quality) -> Bearing {
-    Bearing {
-        time: Instant(100_000 * index as u64),
-        valid: true,
-        azimuth_rad: 0.0,
-        sigma_rad,
-        elevation_rad: 0.0,
-        elevation_sigma_rad: 0.1,
-        quality,
-        flags: Flags::default(),
-    }
+    let without = Bearing::without(Instant(100_000 * index as u64), quality, Flags::default());
+    Bearing { valid: true, sigma_rad, ..without }
 }
 
 fn clean(snr_db: f32) -> Quality {
