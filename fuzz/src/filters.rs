@@ -410,9 +410,7 @@ fn listen(
     let rotating::Outcome::Rotation(rotation) = outcome else { return None };
     assert!(rotation.bearing_ned_rad.abs() <= PI + 1e-6 && rotation.loudest_ned_rad.abs() <= PI + 1e-6, "{rotation:?}");
     assert!(rotation.sigma_rad > 0.0 && rotation.independent_sigma_rad().is_finite(), "{rotation:?}");
-    assert!((0.0..=1.001).contains(&rotation.second) && rotation.duration_s >= 0.0, "{rotation:?}");
-    let powers_db = [rotation.peak_db, rotation.contrast_db, rotation.residual_db];
-    assert!(powers_db.into_iter().all(f32::is_finite), "{rotation:?}");
+    assert!((0.0..=1.001).contains(&rotation.second) && rotation.contrast_db.is_finite(), "{rotation:?}");
     Some(rotation)
 }
 

@@ -128,15 +128,9 @@ pub enum Outcome {
     /// A direction was found.
     Rotation(Rotation),
     /// No direction is louder than the others by more than noise explains.
-    NoSignal {
-        /// Power of the loudest bin.
-        peak_db: f32,
-    },
-    /// Too few readings for this turn rate: this many bins in a row had none.
-    Sparse {
-        /// The longest row.
-        gap: usize,
-    },
+    NoSignal,
+    /// Too few readings for this turn rate: too many bins in a row had none.
+    Sparse,
     /// The antenna does not complete a turn in [`Config::rotation_max_s`], or its yaw jumps.
     NotTurning,
 }
@@ -147,20 +141,14 @@ pub enum Outcome {
 pub struct Rotation {
     /// The middle of the rotation.
     pub time: Instant,
-    /// How long it took.
-    pub duration_s: f32,
     /// Direction of the source from north, clockwise, (-pi, pi].
     pub bearing_ned_rad: f32,
     /// Standard deviation of this rotation's bearing.
     pub sigma_rad: f32,
     /// The greedy rule's answer: the middle of the loudest bin.
     pub loudest_ned_rad: f32,
-    /// Power of the loudest bin.
-    pub peak_db: f32,
     /// From the lowest to the highest value of the fitted pattern.
     pub contrast_db: f32,
-    /// Residual of the fit, rms.
-    pub residual_db: f32,
     /// How far the second maximum stands out of the minima around it, relative to the whole range, 0..=1.
     pub second: f32,
     /// Whether that is too high to distinguish them.
@@ -228,13 +216,8 @@ impl Seeker {
 
     fn evaluate(&self, bins: &Bins, since: Instant, time: Instant) -> Outcome {
         let (average_db, filled, gap) = bridged(bins);
-        let (Some((loudest, peak_db)), true) = (bins.loudest(), gap <= GAP_MAX) else {
-            return Outcome::Sparse { gap };
-        };
-        let fit = self.pattern.fit(&average_db, filled);
-        let Some(fit) = fit.filter(is_signal) else {
-            return Outcome::NoSignal { peak_db };
-        };
+        let (Some((loudest, _)), true) = (bins.loudest(), gap <= GAP_MAX) else { return Outcome::Sparse };
+        let Some(fit) = self.pattern.fit(&average_db, filled).filter(is_signal) else { return Outcome::NoSignal };
         let ambiguous = fit.second > SECOND_MAX;
         // The fit between two maxima, where one pattern fits both of them least badly, is wrong.
         let direction_rad = if ambiguous { fit.hill_rad } else { fit.direction_rad };
@@ -242,14 +225,11 @@ impl Seeker {
         let readings_a_bin = f32::from(bins.readings()) / BINS as f32;
         Outcome::Rotation(Rotation {
             time: since.plus_micros(time.micros_since(since) / 2),
-            duration_s: time.seconds_since(since),
             // The fit counts from the middle of the first bin.
             bearing_ned_rad: wrap_pi(direction_rad + bins::middle_rad(0) + bins.ahead_rad()),
             sigma_rad: sqrt(fit.sigma_rad * fit.sigma_rad + least * least),
             loudest_ned_rad: bins::middle_rad(loudest),
-            peak_db,
             contrast_db: fit.contrast_db,
-            residual_db: fit.residual_db,
             second: fit.second,
             ambiguous,
             retained: libm::expf(self.log_memory * readings_a_bin),

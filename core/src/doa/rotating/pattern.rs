@@ -171,8 +171,6 @@ pub struct Fit {
     pub sigma_rad: f32,
     /// From the fitted pattern's lowest value to its highest.
     pub contrast_db: f32,
-    /// Residual of the fit, rms.
-    pub residual_db: f32,
     /// Square of the fitted pattern over its variance: noise alone rarely exceeds it.
     pub significance: f32,
     /// How far the second maximum of the rotation's harmonics stands out, over their range; 0 with only one.
@@ -221,7 +219,6 @@ impl Pattern {
             direction_rad: wrap_pi(direction_rad),
             sigma_rad: crate::base::math::sqrt(variance),
             contrast_db: scale * self.span_db,
-            residual_db: crate::base::math::sqrt(residual),
             significance: 0.5 * filled * scale * scale * self.power / residual,
             second,
             hill_rad: wrap_pi(hill as f32 * PLACE_RAD),

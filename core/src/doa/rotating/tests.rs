@@ -71,7 +71,6 @@ fn the_source_is_found_each_rotation_whichever_way_the_vehicle_turns() {
                 let off = wrap_pi(rotation.bearing_ned_rad - 0.7);
                 assert!(off.abs() < 4.0 * rotation.sigma_rad && off.abs() < 0.2, "{rotation:?}");
                 assert!(!rotation.ambiguous && (rotation.contrast_db - 15.0).abs() < 4.0, "{rotation:?}");
-                assert!((rotation.duration_s * yaw_rate_radps.abs() - TAU).abs() < 0.2, "{rotation:?}");
             }
         }
     }
@@ -139,7 +138,7 @@ fn noise_is_no_signal_and_two_equal_sources_are_ambiguous() {
         let power_db = -95.0 + 3.0 * rng.gaussian();
         if let Some(outcome) = seeker.step(&mut state, Instant(k * 20_000), wrap_pi(0.02 * k as f32), power_db) {
             outcomes += 1;
-            heard += usize::from(!matches!(outcome, Outcome::NoSignal { .. }));
+            heard += usize::from(!matches!(outcome, Outcome::NoSignal));
         }
     }
     assert!(outcomes > 1200 && heard <= 4, "{heard} of {outcomes}");
@@ -175,9 +174,9 @@ fn silence_behind_is_information_and_no_readings_at_all_are_none() {
 
     let mut state = State::new();
     let around = (0..400_u64).find_map(|k| seeker.step(&mut state, Instant(k * 20_000), 0.02 * k as f32, f32::NAN));
-    assert_eq!(around, Some(Outcome::Sparse { gap: BINS }));
+    assert_eq!(around, Some(Outcome::Sparse));
     let coarse = Scene { yaw_rate_radps: 50.0, ..Scene::default() };
-    assert!(coarse.outcomes(0.2, 1).iter().all(|outcome| !matches!(outcome, Outcome::NoSignal { .. })));
+    assert!(coarse.outcomes(0.2, 1).iter().all(|outcome| !matches!(outcome, Outcome::NoSignal)));
 }
 
 #[test]
