@@ -236,8 +236,6 @@ const fn same(a: &[u8], b: &[u8]) -> bool {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refusal {
-    /// There is no parameter of that name.
-    Unknown,
     /// Not a finite number.
     NotFinite,
     /// Outside the closed range.
@@ -254,7 +252,6 @@ pub enum Refusal {
 impl core::fmt::Display for Refusal {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
-            Self::Unknown => f.write_str("is not a known parameter"),
             Self::NotFinite => f.write_str("is not a finite number"),
             Self::OutOfRange { min, max } => write!(f, "is outside {min}..={max}"),
             Self::NotWhole => f.write_str("is not a whole number"),
@@ -362,14 +359,6 @@ impl Values {
             Field::Parts(_, write) => write(self, config),
             Field::Link => {}
         }
-    }
-
-    /// Sets the value of a parameter by name.
-    ///
-    /// # Errors
-    /// Why it is refused; then the old value is kept.
-    pub fn set_named(&mut self, name: &str, value: f32) -> Result<(), Refusal> {
-        self.set(Id::named(name.as_bytes()).ok_or(Refusal::Unknown)?, value)
     }
 }
 
