@@ -331,7 +331,7 @@ impl Values {
         for id in Id::all() {
             let value = match id.wire().field {
                 Field::Value(field) => Some(*field(&mut fields)),
-                Field::Switch(field) => Some(f32::from(u8::from(*field(&mut fields)))),
+                Field::Switch(field) => Some(f32::from(*field(&mut fields))),
                 Field::Parts(read, _) => read(config),
                 Field::Link => None,
             };

@@ -1,4 +1,5 @@
-//! Parameters that are not one field of the configuration each: how they are read from it and written into it.
+//! Parameters that are not one field of the configuration each: how they are written into it, and how those are read that take
+//! more than an expression in the table.
 
 use core::f32::consts::PI;
 
@@ -14,25 +15,13 @@ const SEARCH_R_M: f32 = 15.0;
 /// Cells from the middle of the search's grid to its edge, and a little less, for rounding.
 const SEARCH_CELLS: f32 = 14.9;
 
-fn switch(is_on: bool) -> f32 {
-    f32::from(u8::from(is_on))
-}
-
-pub(super) fn obs_fov(config: &Config) -> Option<f32> {
-    Some(config.sensor.fov_rad * (180.0 / PI))
-}
-
 pub(super) fn set_obs_fov(values: &Values, config: &mut Config) {
     // In this order a quarter and a whole turn are exact.
     config.sensor.fov_rad = values.get(param::FH_OBS_FOV) / 180.0 * PI;
 }
 
 pub(super) fn obs_src(config: &Config) -> Option<f32> {
-    Some(config.lidar.map_or(0.0, |lidar| 1.0 + switch(lidar.is_upside_down)))
-}
-
-pub(super) fn ldr_yaw(config: &Config) -> Option<f32> {
-    Some(config.lidar?.yaw_rad * (180.0 / PI))
+    Some(config.lidar.map_or(0.0, |lidar| 1.0 + f32::from(lidar.is_upside_down)))
 }
 
 pub(super) fn set_lidar(values: &Values, config: &mut Config) {
@@ -51,18 +40,6 @@ pub(super) fn brg_src(config: &Config) -> Option<f32> {
     })
 }
 
-pub(super) fn brg_tag(config: &Config) -> Option<f32> {
-    Some(config.radio?.tag as f32)
-}
-
-pub(super) fn brg_yaw(config: &Config) -> Option<f32> {
-    Some(config.radio?.yaw_rad * (180.0 / PI))
-}
-
-pub(super) fn brg_sigma(config: &Config) -> Option<f32> {
-    Some(config.radio?.sigma_rad / PI * 180.0)
-}
-
 pub(super) fn set_radio(values: &Values, config: &mut Config) {
     config.radio = values.is_on(param::FH_BRG_SRC).then_some(radio::Mount {
         sends: if values.whole(param::FH_BRG_SRC) > 1 { radio::Sends::IqReports } else { radio::Sends::Angles },
@@ -72,20 +49,12 @@ pub(super) fn set_radio(values: &Values, config: &mut Config) {
     });
 }
 
-pub(super) fn rpl_wpt(config: &Config) -> Option<f32> {
-    Some(f32::from(config.replan_at_waypoint))
-}
-
 pub(super) fn set_rpl_wpt(values: &Values, config: &mut Config) {
     config.replan_at_waypoint = values.whole(param::FH_RPL_WPT) as u8;
 }
 
 pub(super) fn srch_time(config: &Config) -> Option<f32> {
     Some(config.planner.explore.map_or(0.0, |explore| explore.limit_s))
-}
-
-pub(super) fn srch_r(config: &Config) -> Option<f32> {
-    Some(config.planner.explore?.radius_m)
 }
 
 pub(super) fn set_search(values: &Values, config: &mut Config) {
@@ -104,10 +73,6 @@ pub(super) fn set_arr_side(values: &Values, config: &mut Config) {
     config.array.antennas_m = array::Config::square(1.0, values.get(param::FH_ARR_SIDE)).antennas_m;
 }
 
-pub(super) fn tone(config: &Config) -> Option<f32> {
-    Some(config.phase.tone_hz.unwrap_or_default())
-}
-
 pub(super) fn set_tone(values: &Values, config: &mut Config) {
     config.phase.tone_hz = values.is_on(param::FH_TONE).then_some(values.get(param::FH_TONE));
 }
@@ -117,10 +82,6 @@ pub(super) fn turn(config: &Config) -> Option<f32> {
         turning::Role::Fallback => Some(1.0),
         turning::Role::Alone(_) => Some(2.0),
     }
-}
-
-pub(super) fn turn_rate(config: &Config) -> Option<f32> {
-    Some(config.turning?.yaw_rate_radps)
 }
 
 pub(super) fn turn_ch(config: &Config) -> Option<f32> {
@@ -144,19 +105,7 @@ pub(super) fn set_turning(values: &Values, config: &mut Config) {
 }
 
 pub(super) fn lnd_mode(config: &Config) -> Option<f32> {
-    Some(config.landing.map_or(0.0, |landing| 1.0 + switch(landing.has_camera)))
-}
-
-pub(super) fn lnd_req(config: &Config) -> Option<f32> {
-    Some(switch(config.landing?.request_land))
-}
-
-pub(super) fn pad_r(config: &Config) -> Option<f32> {
-    Some(config.landing?.pad_radius_m)
-}
-
-pub(super) fn cam_focal(config: &Config) -> Option<f32> {
-    Some(config.landing?.focal_widths)
+    Some(config.landing.map_or(0.0, |landing| 1.0 + f32::from(landing.has_camera)))
 }
 
 pub(super) fn set_landing(values: &Values, config: &mut Config) {

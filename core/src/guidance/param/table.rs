@@ -1,5 +1,7 @@
 //! The table of parameters.
 
+use core::f32::consts::PI;
+
 use super::Field::{Link, Parts, Switch, Value};
 use super::{Field, Kind, Param, parts};
 
@@ -60,7 +62,7 @@ pub const TABLE: &[Param] = &[
     real("FH_FENCE_MRG", "m", 0.5, [0.0, 100.0], Value(|c| &mut c.guard.fence.margin_m),
         "Distance that is kept from the fence, on its inside."),
     // Obstacle sensor.
-    real("FH_OBS_FOV", "deg", 90.0, [5.73, 360.0], Parts(parts::obs_fov, parts::set_obs_fov),
+    real("FH_OBS_FOV", "deg", 90.0, [5.73, 360.0], Parts(|c| Some(c.sensor.fov_rad * (180.0 / PI)), parts::set_obs_fov),
         "Full angle of the obstacle sensor's view, centred on the nose."),
     real("FH_OBS_RANGE", "m", 3.0, [0.1, 100.0], Value(|c| &mut c.sensor.range_m),
         "How far the obstacle sensor sees."),
@@ -72,14 +74,14 @@ pub const TABLE: &[Param] = &[
         "Distance from the vehicle within which nothing unseen is assumed at the start."),
     whole("FH_OBS_SRC", 0.0, [0.0, 2.0], Parts(parts::obs_src, parts::set_lidar),
         "Source of obstacles: 0 MAVLink messages, 1 only the lidar on the computer's own serial line, 2 the same with the lidar mounted upside down."),
-    real("FH_LDR_YAW", "deg", 0.0, [-180.0, 180.0], Parts(parts::ldr_yaw, parts::set_lidar),
+    real("FH_LDR_YAW", "deg", 0.0, [-180.0, 180.0], Parts(|c| Some(c.lidar?.yaw_rad * (180.0 / PI)), parts::set_lidar),
         "Direction of that lidar's arrow, from the nose, clockwise."),
     // Planning and search.
     real("FH_TGT_DIST", "m", 2.0, [0.5, 20.0], Value(|c| &mut c.goal.target_distance_m),
         "Distance of the temporary target along the bearing."),
     real("FH_RPL_TIME", "s", 0.7, [0.1, 60.0], Value(|c| &mut c.replan_after_s),
         "A new plan is requested after this long at the latest."),
-    whole("FH_RPL_WPT", 5.0, [1.0, 15.0], Parts(parts::rpl_wpt, parts::set_rpl_wpt),
+    whole("FH_RPL_WPT", 5.0, [1.0, 15.0], Parts(|c| Some(f32::from(c.replan_at_waypoint)), parts::set_rpl_wpt),
         "A new plan is requested when this many of its 15 waypoints are passed."),
     switch("FH_BENDS", 1.0, Switch(|c| &mut c.planner.bends),
         "1: bends the path to measure the beacon's range where no obstacle is near."),
@@ -87,7 +89,7 @@ pub const TABLE: &[Param] = &[
         "1: recognises reflections and traces them back to the beacon."),
     real("FH_SRCH_TIME", "s", 0.0, [0.0, 3600.0], Parts(parts::srch_time, parts::set_search),
         "How long it searches while there is no signal, 1 s at least; 0: it holds instead."),
-    real("FH_SRCH_R", "m", 15.0, [1.0, 200.0], Parts(parts::srch_r, parts::set_search),
+    real("FH_SRCH_R", "m", 15.0, [1.0, 200.0], Parts(|c| Some(c.planner.explore?.radius_m), parts::set_search),
         "Largest distance from the start of a search; beyond 15 m the map of the search gets coarser."),
     // Time limits.
     real("FH_POS_AGE", "s", 0.3, [0.02, 5.0], Value(|c| &mut c.mission.position_age_max_s),
@@ -109,11 +111,11 @@ pub const TABLE: &[Param] = &[
     // Antennas.
     whole("FH_BRG_SRC", 0.0, [0.0, 2.0], Parts(parts::brg_src, parts::set_radio),
         "Source of bearings: 0 the antennas; 1 the +UUDF lines of a radio on the lidar's serial line; 2 Bluetooth's IQ reports on that line, in an image built for them. FH_OBS_SRC must be 0 with 1 and 2."),
-    whole("FH_BRG_TAG", 0.0, [0.0, 16_777_215.0], Parts(parts::brg_tag, parts::set_radio),
+    whole("FH_BRG_TAG", 0.0, [0.0, 16_777_215.0], Parts(|c| Some(c.radio?.tag as f32), parts::set_radio),
         "The tag that this radio seeks: the last six digits of its address, which are hexadecimal, as a decimal number; 0: any tag."),
-    real("FH_BRG_YAW", "deg", 0.0, [-180.0, 180.0], Parts(parts::brg_yaw, parts::set_radio),
+    real("FH_BRG_YAW", "deg", 0.0, [-180.0, 180.0], Parts(|c| Some(c.radio?.yaw_rad * (180.0 / PI)), parts::set_radio),
         "Direction of that radio's normal, from the nose, clockwise."),
-    real("FH_BRG_SIGMA", "deg", 8.0, [0.1, 90.0], Parts(parts::brg_sigma, parts::set_radio),
+    real("FH_BRG_SIGMA", "deg", 8.0, [0.1, 90.0], Parts(|c| Some(c.radio?.sigma_rad / PI * 180.0), parts::set_radio),
         "Standard deviation of its angles; with IQ reports, the smallest."),
     real("FH_WAVELEN", "m", 0.345, [0.001, 10.0], Value(|c| &mut c.array.wavelength_m),
         "Wavelength of the beacon's carrier."),
@@ -125,7 +127,7 @@ pub const TABLE: &[Param] = &[
         "Phase error left in each channel after calibration, rms."),
     real("FH_SMP_RATE", "Hz", 102_400.0, [1e3, 1e7], Value(|c| &mut c.phase.sample_rate_hz),
         "Sample rate of each channel."),
-    real("FH_TONE", "Hz", 0.0, [0.0, 4.9e6], Parts(parts::tone, parts::set_tone),
+    real("FH_TONE", "Hz", 0.0, [0.0, 4.9e6], Parts(|c| Some(c.phase.tone_hz.unwrap_or_default()), parts::set_tone),
         "Frequency of the tone if it is known; 0: it is searched for in the band."),
     real("FH_TONE_LO", "Hz", 2_000.0, [0.0, 4.8e6], Value(|c| &mut c.phase.tone_band_hz[0]),
         "Lower end of the tone's band."),
@@ -133,18 +135,18 @@ pub const TABLE: &[Param] = &[
         "Upper end of the tone's band; at most half of FH_SMP_RATE."),
     whole("FH_TURN", 0.0, [0.0, 2.0], Parts(parts::turn, parts::set_turning),
         "Finding the beacon by turning the vehicle: 0 never, 1 while fewer than three channels work, 2 always, with one antenna."),
-    real("FH_TURN_RATE", "rad/s", 1.2, [-6.3, 6.3], Parts(parts::turn_rate, parts::set_turning),
+    real("FH_TURN_RATE", "rad/s", 1.2, [-6.3, 6.3], Parts(|c| Some(c.turning?.yaw_rate_radps), parts::set_turning),
         "Turn rate for that; negative to the left; 0.4 at least, at most FH_YAWR_MAX."),
     whole("FH_TURN_CH", 0.0, [0.0, 3.0], Parts(parts::turn_ch, parts::set_turning),
         "Channel of the one antenna, 0 to 3."),
     // Arrival.
     whole("FH_LND_MODE", 0.0, [0.0, 2.0], Parts(parts::lnd_mode, parts::set_landing),
         "On arrival: 0 goes on seeking, 1 hovers above the beacon and hands over, 2 lands on the pad that its camera sees."),
-    switch("FH_LND_REQ", 0.0, Parts(parts::lnd_req, parts::set_landing),
+    switch("FH_LND_REQ", 0.0, Parts(|c| Some(f32::from(c.landing?.request_land)), parts::set_landing),
         "1: asks the autopilot to land where it has arrived without a camera, and to disarm on the pad. 0: never."),
-    real("FH_PAD_R", "m", 0.25, [0.02, 5.0], Parts(parts::pad_r, parts::set_landing),
+    real("FH_PAD_R", "m", 0.25, [0.02, 5.0], Parts(|c| Some(c.landing?.pad_radius_m), parts::set_landing),
         "Radius of the pad: a plain red disc."),
-    real("FH_CAM_FOCAL", "", 0.866, [0.2, 5.0], Parts(parts::cam_focal, parts::set_landing),
+    real("FH_CAM_FOCAL", "", 0.866, [0.2, 5.0], Parts(|c| Some(c.landing?.focal_widths), parts::set_landing),
         "Focal length of the camera divided by the width of its picture; 0.866 is 60 degrees from left to right."),
     // Link.
     real("FH_SP_AGE", "s", 0.25, [0.05, 1.0], Link,
