@@ -19,43 +19,6 @@ const POSE_AGE_MAX_S: f32 = 0.3;
 const BACK_MAX_S: f32 = 0.2;
 const FORTH_MAX_S: f32 = 0.1;
 
-/// Deliveries of obstacle sensors that did not enter the map, by reason.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Refused {
-    /// [`Refusal::NoOwnship`].
-    pub no_ownship: u32,
-    /// [`Refusal::TimesApart`].
-    pub times_apart: u32,
-    /// [`Refusal::Geometry`].
-    pub geometry: u32,
-    /// [`Refusal::Absurd`].
-    pub absurd: u32,
-    /// [`Refusal::Blind`].
-    pub blind: u32,
-}
-
-impl Refused {
-    /// Their sum.
-    #[must_use]
-    pub fn total(&self) -> u32 {
-        [self.times_apart, self.geometry, self.absurd, self.blind]
-            .iter()
-            .fold(self.no_ownship, |sum, n| sum.saturating_add(*n))
-    }
-
-    fn note(&mut self, taken: Result<Pose, Refusal>) {
-        let count = match taken {
-            Ok(_) => return,
-            Err(Refusal::NoOwnship) => &mut self.no_ownship,
-            Err(Refusal::TimesApart) => &mut self.times_apart,
-            Err(Refusal::Geometry) => &mut self.geometry,
-            Err(Refusal::Absurd) => &mut self.absurd,
-            Err(Refusal::Blind) => &mut self.blind,
-        };
-        *count = count.saturating_add(1);
-    }
-}
-
 impl<const N: usize> Guidance<N> {
     /// The phasors of a frame that guidance must not use, as when the receiver is tested; the step of such a frame
     /// gets [`FrontEnd::Nothing`]. The tracked tone is forgotten before and after ([`Self::forget_tone`]).
@@ -144,12 +107,11 @@ impl<const N: usize> Guidance<N> {
         self.tracks.advance(&mut state.surroundings.tracks, now);
         let circles =
             input.circles.map(|circles| pose(now).and_then(|pose| self.take_circles(state, now, circles, pose)));
-        let points =
-            input.points.map(|points| pose(points.time).and_then(|pose| self.take_points(state, now, points, pose)));
-        let scan = input.scan.map(|scan| pose(scan.time).and_then(|pose| self.take_scan(state, now, scan, pose)));
-        for taken in [circles, points, scan].into_iter().flatten() {
-            state.surroundings.refused.note(taken);
+        if let Some(points) = input.points {
+            // What is refused is as if it had not come.
+            let _ = pose(points.time).and_then(|pose| self.take_points(state, now, points, pose));
         }
+        let scan = input.scan.map(|scan| pose(scan.time).and_then(|pose| self.take_scan(state, now, scan, pose)));
         if let Some(ownship) = &state.vehicle.ownship {
             near::gather(
                 &self.guard,
@@ -205,13 +167,13 @@ impl<const N: usize> Guidance<N> {
         Ok(pose)
     }
 
-    /// Single points -> circles -> map; returns the pose from which they were seen. They do not update the coverage.
+    /// Single points -> circles -> map. They do not update the coverage.
     #[inline(never)]
-    fn take_points(&self, state: &mut State<N>, now: Instant, points: &Points, pose: Pose) -> Result<Pose, Refusal> {
+    fn take_points(&self, state: &mut State<N>, now: Instant, points: &Points, pose: Pose) -> Result<(), Refusal> {
         let mut look = Segmentation::default();
         self.scan.fit_points_into(&mut look, points, &pose)?;
         self.map.observe_points(&mut state.surroundings.map, now, &look);
-        Ok(pose)
+        Ok(())
     }
 }
 

@@ -39,7 +39,6 @@ pub mod systems;
 pub mod turning;
 
 pub use config::Config;
-pub use intake::Refused;
 pub use state::State;
 
 /// The fast loop uses this many of the nearest obstacles; the planner gets all.

@@ -2,7 +2,7 @@
 
 use heapless::Vec;
 
-use super::{Guidance, OBSTACLES_MAX, Refused, mission, turning};
+use super::{Guidance, OBSTACLES_MAX, mission, turning};
 use crate::base::history::Poses;
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Neighbour;
@@ -12,7 +12,6 @@ use crate::control::{evade, guard, track, vehicle_model, wind};
 use crate::doa::bearing::Flags;
 use crate::landing;
 use crate::localize::belief;
-use crate::mapping::coverage::Coverage;
 use crate::mapping::map::Map;
 use crate::mapping::tracks::Tracks;
 use crate::mapping::walls::{WALLS_MAX, Wall};
@@ -53,7 +52,6 @@ pub(super) struct VehicleState {
 pub(super) struct Surroundings {
     pub(super) map: Map,
     pub(super) tracks: Tracks,
-    pub(super) refused: Refused,
     /// Those near the vehicle in this step.
     pub(super) near: Vec<Neighbour, OBSTACLES_MAX>,
 }
@@ -136,34 +134,10 @@ impl<const N: usize> State<N> {
         self.control.evade.choice_ned_mps()
     }
 
-    /// Deliveries of obstacle sensors that were refused.
-    #[must_use]
-    pub const fn refused(&self) -> &Refused {
-        &self.surroundings.refused
-    }
-
-    /// Obstacles near the vehicle, as passed to the guard in the last step.
-    #[must_use]
-    pub fn near(&self) -> &[Neighbour] {
-        &self.surroundings.near
-    }
-
-    /// The coverage of the obstacle sensors.
-    #[must_use]
-    pub fn coverage(&self) -> &Coverage {
-        self.control.guard.coverage()
-    }
-
     /// Height of the vehicle over the ground, if known.
     #[must_use]
     pub const fn height_m(&self) -> Option<f32> {
         self.vehicle.height_m
-    }
-
-    /// The plan that is being followed.
-    #[must_use]
-    pub fn plan(&self) -> Option<&Plan> {
-        self.plans.active.as_ref()
     }
 }
 
@@ -184,7 +158,7 @@ impl<const N: usize> Guidance<N> {
             turning,
             belief,
             vehicle,
-            surroundings: Surroundings { map, tracks, refused, near },
+            surroundings: Surroundings { map, tracks, near },
             plans,
             arrival,
             control,
@@ -199,7 +173,6 @@ impl<const N: usize> Guidance<N> {
         *vehicle = VehicleState::default();
         map.clear();
         tracks.clear();
-        *refused = Refused::default();
         near.clear();
         *plans = Plans::default();
         *arrival = Arrival::default();
