@@ -2,8 +2,7 @@
 //! the left side of an inequality its room (slack).
 //!
 //! `|p - c| - r_rob - r_obs - n_std * deviation(P) >= 0`, for every obstacle at every step. The paper prints
-//! `max(eig(P))`, a variance, and calls it a standard deviation: [`Spread::Deviation`] takes the root,
-//! [`Spread::Eigenvalue`] the printed formula.
+//! `max(eig(P))`, a variance, and calls it a standard deviation; here it is the root of that.
 //!
 //! The larger eigenvalue of `[[a, b], [b, c]]` is `m + r` with `m = (a + c)/2`, `r = sqrt(((a - c)/2)^2 + b^2)`; its
 //! derivative is the outer product of its eigenvector, `1/2 + (a - c)/4r` by `a` and `b/r` by `b`. Where the two
@@ -16,36 +15,16 @@ use crate::base::obstacle::Obstacle;
 /// before all are searched again.
 pub(super) const NEAREST: usize = 3;
 
-/// How the covariance widens an obstacle.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
-pub enum Spread {
-    /// By `n_std` standard deviations: the root of the largest eigenvalue.
-    #[default]
-    Deviation,
-    /// By `n_std` times the largest eigenvalue, as printed.
-    Eigenvalue,
-}
-
-impl Spread {
-    /// The width of the position block `[nn, ne, ee]`, and its derivative by the three.
-    #[inline]
-    pub(super) fn of(self, [a, b, c]: [f32; 3]) -> (f32, [f32; 3]) {
-        let mean = 0.5 * (a + c);
-        let half = 0.5 * (a - c);
-        let root = sqrt(half * half + b * b + 1e-12);
-        let (by_a, by_b) = (0.5 * half / root, b / root);
-        let slope = [0.5 + by_a, by_b, 0.5 - by_a];
-        let eigenvalue = mean + root;
-        match self {
-            Self::Eigenvalue => (eigenvalue, slope),
-            Self::Deviation => {
-                let deviation = sqrt(if eigenvalue > 1e-12 { eigenvalue } else { 1e-12 });
-                (deviation, slope.map(|by| 0.5 * by / deviation))
-            }
-        }
-    }
+/// The largest standard deviation of the position block `[nn, ne, ee]`, and its derivative by the three.
+#[inline]
+pub(super) fn deviation([a, b, c]: [f32; 3]) -> (f32, [f32; 3]) {
+    let mean = 0.5 * (a + c);
+    let half = 0.5 * (a - c);
+    let root = sqrt(half * half + b * b + 1e-12);
+    let (by_a, by_b) = (0.5 * half / root, b / root);
+    let eigenvalue = mean + root;
+    let deviation = sqrt(if eigenvalue > 1e-12 { eigenvalue } else { 1e-12 });
+    (deviation, [0.5 + by_a, by_b, 0.5 - by_a].map(|by| 0.5 * by / deviation))
 }
 
 /// The obstacles around a step.

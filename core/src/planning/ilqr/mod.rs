@@ -35,7 +35,6 @@ mod solver;
 #[expect(clippy::needless_range_loop, reason = "sums over matrices are read by their indices")]
 mod tests;
 
-pub use clearance::Spread;
 use clearance::{NEAREST, Near};
 use sensor::Sensor;
 use solver::{Law, Search};
@@ -46,8 +45,6 @@ const SHARES: [f32; 2] = [1.0, 0.4];
 
 /// The bound on a control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Bound {
     /// Its length.
     #[default]
@@ -58,7 +55,6 @@ pub enum Bound {
 
 /// Configuration of the planner.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
     /// `Q`, weight of the squared distance to the goal at the end.
     pub q_terminal: f32,
@@ -72,8 +68,6 @@ pub struct Config {
     pub bound: Bound,
     /// Number of standard deviations of its position that the vehicle keeps from obstacles.
     pub n_std: f32,
-    /// How the standard deviation is computed.
-    pub spread: Spread,
     /// Noise of the bearing taken at each step.
     pub bearing_sigma_rad: f32,
     /// Within about this distance of the source a bearing contains no information.
@@ -93,7 +87,6 @@ impl Default for Config {
             u_max_m: 1.0,
             bound: Bound::Norm,
             n_std: 0.0,
-            spread: Spread::Deviation,
             bearing_sigma_rad: 0.05,
             near_m: 0.3,
             process_noise_m2: [0.0, 0.0],
@@ -382,10 +375,9 @@ impl Planner {
         let start_cost = unit(search.cost(path));
         search.mu = 0.1 * start_cost;
         let rho_unit = start_cost * self.inverse_u_max2;
+        let raised = |rho: f32| if rho > 1e-2 * rho_unit { 8.0 * rho } else { 0.1 * rho_unit };
         search.rho = 0.1 * rho_unit;
-        for duals in duals.iter_mut() {
-            *duals = [0.0; NEAREST];
-        }
+        duals.fill([0.0; NEAREST]);
         search.look(path, near, duals, length);
         search.begin_bounds(path, bounds);
 
@@ -394,7 +386,7 @@ impl Planner {
         while iterations < config.iterations_max {
             iterations += 1;
             let Some(model) = search.backward(path, first, near, duals, bounds, laws) else {
-                search.rho = if search.rho > 1e-2 * rho_unit { 8.0 * search.rho } else { 0.1 * rho_unit };
+                search.rho = raised(search.rho);
                 if search.rho > 1e6 * rho_unit {
                     break;
                 }
@@ -411,7 +403,7 @@ impl Planner {
                 search.look(path, near, duals, length / 5 + 1);
                 search.rho = if share == 1.0 { 0.3 * search.rho } else { search.rho };
             } else {
-                search.rho = if search.rho > 1e-2 * rho_unit { 8.0 * search.rho } else { 0.1 * rho_unit };
+                search.rho = raised(search.rho);
             }
             let flat = model.decrease < search.mu * steps * 0.1 || (found.is_none() && search.rho > 1e3 * rho_unit);
             if flat {

@@ -137,7 +137,7 @@ impl<const L: usize> Sensor<L> {
 }
 
 #[inline]
-fn dot<const L: usize>(a: &[f32; L], b: &[f32; L]) -> f32 {
+pub(super) fn dot<const L: usize>(a: &[f32; L], b: &[f32; L]) -> f32 {
     let mut sum = a[0] * b[0];
     for k in 1..L {
         sum += a[k] * b[k];

@@ -15,8 +15,8 @@
 
 use crate::base::obstacle::Obstacle;
 
-use super::clearance::{NEAREST, Near};
-use super::sensor::{Sensor, Slopes, at};
+use super::clearance::{NEAREST, Near, deviation};
+use super::sensor::{Sensor, Slopes, at, dot};
 use super::{Bound, Planner, Step};
 
 /// The problem and the parameters of a solve.
@@ -107,11 +107,11 @@ impl<const M: usize> Value<M> {
         let curvature = slopes.curvature(&self.c);
 
         // cc C, by columns, and pc + (cc C)'.
-        let bent = by_place.map(|column| self.cc.map(|row| inner(&row, &column)));
-        let p = [0, 1].map(|j| self.p[j] + inner(&self.c, &by_place[j]));
+        let bent = by_place.map(|column| self.cc.map(|row| dot(&row, &column)));
+        let p = [0, 1].map(|j| self.p[j] + dot(&self.c, &by_place[j]));
         let pp = [(0, 0, 0), (0, 1, 1), (1, 1, 2)].map(|(j, k, entry)| {
-            let mixed = inner(&self.pc[j], &by_place[k]) + inner(&self.pc[k], &by_place[j]);
-            self.pp[entry] + mixed + inner(&by_place[j], &bent[k]) + curvature.place[entry]
+            let mixed = dot(&self.pc[j], &by_place[k]) + dot(&self.pc[k], &by_place[j]);
+            self.pp[entry] + mixed + dot(&by_place[j], &bent[k]) + curvature.place[entry]
         });
         let mut pc = curvature.mixed;
         for j in 0..2 {
@@ -165,15 +165,6 @@ fn add<const M: usize>(to: &mut [f32; M], what: &[f32; M]) {
     for (to, what) in to.iter_mut().zip(what) {
         *to += what;
     }
-}
-
-#[inline]
-fn inner<const M: usize>(a: &[f32; M], b: &[f32; M]) -> f32 {
-    let mut sum = a[0] * b[0];
-    for m in 1..M {
-        sum += a[m] * b[m];
-    }
-    sum
 }
 
 impl<const L: usize> Search<'_, L> {
@@ -315,7 +306,7 @@ impl<const L: usize> Search<'_, L> {
     pub(super) fn width<const M: usize>(&self, covariance: &[f32; M]) -> (f32, [f32; 3]) {
         let config = &self.planner.config;
         if config.n_std > 0.0 {
-            let (width, by) = config.spread.of([covariance[0], covariance[1], covariance[2]]);
+            let (width, by) = deviation([covariance[0], covariance[1], covariance[2]]);
             (config.n_std * width, by.map(|by| config.n_std * by))
         } else {
             (0.0, [0.0; 3])

@@ -1,7 +1,7 @@
 use std::boxed::Box;
 use std::vec::Vec;
 
-use super::clearance::{NEAREST, Near};
+use super::clearance::{NEAREST, Near, deviation};
 use super::sensor::{Sensor, at};
 use super::*;
 use crate::base::rng::Rng;
@@ -195,27 +195,24 @@ fn the_covariance_updates_derivatives_are_those_of_finite_differences_for_both_b
 }
 
 #[test]
-fn the_largest_eigenvalue_and_its_derivative_are_those_of_finite_differences() {
+fn the_largest_deviation_and_its_derivative_are_those_of_finite_differences() {
     let mut rng = Rng::new(5, 23);
     for _ in 0..300 {
         let p = covariance::<2, 3>(&mut rng);
         let [a, b, c] = p.map(f64::from);
-        let truth = 0.5 * (a + c) + (0.25 * (a - c) * (a - c) + b * b).sqrt();
-        for spread in [Spread::Eigenvalue, Spread::Deviation] {
-            let (value, slope) = spread.of(p);
-            let wanted = if spread == Spread::Eigenvalue { truth } else { truth.sqrt() };
-            assert!((f64::from(value) - wanted).abs() < 1e-5 * wanted, "{value} {wanted}");
-            for m in 0..3 {
-                let (mut up, mut down) = (p, p);
-                up[m] += 2e-3;
-                down[m] -= 2e-3;
-                let numeric = (spread.of(up).0 - spread.of(down).0) / 4e-3;
-                assert!((slope[m] - numeric).abs() < 5e-3 * (1.0 + slope[m].abs()), "{p:?}: {slope:?} {numeric}");
-            }
+        let truth = (0.5 * (a + c) + (0.25 * (a - c) * (a - c) + b * b).sqrt()).sqrt();
+        let (value, slope) = deviation(p);
+        assert!((f64::from(value) - truth).abs() < 1e-5 * truth, "{value} {truth}");
+        for m in 0..3 {
+            let (mut up, mut down) = (p, p);
+            up[m] += 2e-3;
+            down[m] -= 2e-3;
+            let numeric = (deviation(up).0 - deviation(down).0) / 4e-3;
+            assert!((slope[m] - numeric).abs() < 5e-3 * (1.0 + slope[m].abs()), "{p:?}: {slope:?} {numeric}");
         }
     }
     // Where both eigenvalues are equal it has no derivative, and the returned one is finite.
-    let (value, slope) = Spread::Deviation.of([0.25, 0.0, 0.25]);
+    let (value, slope) = deviation([0.25, 0.0, 0.25]);
     assert!((value - 0.5).abs() < 1e-5 && slope.iter().all(|slope| slope.is_finite()));
 }
 
@@ -343,7 +340,7 @@ fn a_solution_is_a_minimum_its_controls_keep_their_bound_and_its_covariances_are
                 place = [place[0] + control[0], place[1] + control[1]];
                 covariance = sensor.update(&covariance, place);
                 cost += control[0] * control[0] + control[1] * control[1] + 5.0 * (covariance[0] + covariance[2]);
-                let (width, _) = Spread::Deviation.of(covariance);
+                let (width, _) = deviation(covariance);
                 for obstacle in &obstacles {
                     let at = Horizontal { north: place[0], east: place[1] };
                     let reach = (obstacle.reach_m * obstacle.reach_m + planner.half_step_m2).sqrt();

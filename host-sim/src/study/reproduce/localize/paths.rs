@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 use foxhound_core::base::ned::Horizontal as Core;
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::mapping::walls::Wall;
-use foxhound_core::planning::ilqr::{Bound, Config, Guess, Outcome, Problem, Solution, Spread, Workspace};
+use foxhound_core::planning::ilqr::{Bound, Config, Guess, Outcome, Problem, Solution, Workspace};
 use plotters::prelude::{Circle, PathElement, RGBColor, Rectangle};
 use plotters::style::Color as _;
 use plotters::style::text_anchor::{HPos, VPos};
@@ -101,7 +101,6 @@ fn config(weight: f32, u_max_m: f32) -> Config {
         u_max_m,
         bound: Bound::Axes,
         n_std: 1.0,
-        spread: Spread::Deviation,
         bearing_sigma_rad: 0.05,
         near_m: 0.0,
         process_noise_m2: [PROCESS_NOISE_M2, 0.0],
