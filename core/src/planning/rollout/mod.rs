@@ -22,7 +22,7 @@ use crate::base::math::{inverse_root, sqrt};
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Obstacle;
 use crate::mapping::map::CIRCLES_MAX;
-use crate::planning::field::{Field, ForceField, Gains, Pole, Pull};
+use crate::planning::field::{Field, ForceField, Pole, Pull};
 
 /// Waypoints of a trajectory (main paper, section IV).
 pub const WAYPOINTS: usize = 15;
@@ -380,12 +380,6 @@ pub fn roll_plainly(
     let mut trajectory = [target; WAYPOINTS];
     while descent.follow(field.force(descent.position, target, obstacles), &mut trajectory) {}
     trajectory
-}
-
-/// [`roll_plainly`] in the main paper's field.
-#[must_use]
-pub fn roll(gains: &Gains, start: Horizontal, target: Horizontal, obstacles: &[Obstacle]) -> Trajectory {
-    roll_plainly(&Field { gains: *gains }, Waypoint, start, target, obstacles)
 }
 
 /// The cost of a trajectory from `start` (eq. 41-45).
