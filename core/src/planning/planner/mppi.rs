@@ -252,11 +252,10 @@ pub(super) fn plan(
         workspace.choose(chosen, &mut plan);
         return plan;
     }
-    let straight = straight(start, &[target]);
     if keeps(config.tight_margin_m, start, &[target], &workspace.obstacles) {
         plan.verdict = Verdict::Follow;
-        plan.waypoints_ned_m = straight;
-        plan.cost = soft(cost(start, &straight, target, &workspace.obstacles));
+        plan.waypoints_ned_m = straight(start, target);
+        plan.cost = soft(cost(start, &plan.waypoints_ned_m, target, &workspace.obstacles));
     }
     plan
 }
@@ -507,28 +506,15 @@ fn soft(cost: Cost) -> f32 {
     Cost { proximity, ..cost }.total()
 }
 
-/// Waypoints at the usual spacing along straight lines; the rest stay at the end.
-fn straight(start: Horizontal, corners: &[Horizontal]) -> Trajectory {
-    let mut trajectory = [start; WAYPOINTS];
-    let mut corners = corners.iter();
+/// Waypoints at the usual spacing along a straight line; the rest stay at its end.
+fn straight(start: Horizontal, end: Horizontal) -> Trajectory {
     let mut position = start;
-    let mut next = corners.next();
-    for waypoint in &mut trajectory {
-        let mut left_m = SPACING_M;
-        while let Some(corner) = next {
-            let to = corner.minus(position);
-            let length_m = to.norm();
-            if length_m > left_m {
-                position = position.plus(to.times(left_m / length_m));
-                break;
-            }
-            position = *corner;
-            left_m -= length_m;
-            next = corners.next();
-        }
-        *waypoint = position;
-    }
-    trajectory
+    core::array::from_fn(|_| {
+        let to = end.minus(position);
+        let length_m = to.norm();
+        position = if length_m > SPACING_M { position.plus(to.times(SPACING_M / length_m)) } else { end };
+        position
+    })
 }
 
 /// Whether a path keeps a margin. If the start is already too close, a path that does not come closer keeps it.
