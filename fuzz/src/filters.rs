@@ -570,7 +570,6 @@ fn search(draw: &mut Draw<'_>) -> Reached {
             here = here.plus(target.minus(here).clamped(0.5));
             reached.usable += 1;
         }
-        assert!(state.looked_at() as usize <= explore::SIDE * explore::SIDE);
         now = draw.instant(now);
         reached.answers += 1;
     }

@@ -6,7 +6,7 @@
 use heapless::Vec;
 
 use super::index::Index;
-use super::{AVERAGED, DOOMED, FRONT_M, GATE, GATE_M, Known, Map, Mapper, Origin, RIM_M, STICK_OUT_M};
+use super::{AVERAGED, DOOMED, FRONT_M, GATE, GATE_M, Known, Map, Mapper, Origin, RIM_M, STICK_OUT_M, known_of};
 use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
@@ -250,9 +250,8 @@ impl Mapper {
             // The face of a single hit is the hit itself.
             Kind::Patch => covered.all.has_first(count) && (covered.is_face || seen.to <= seen.from + 1),
         };
-        if !is_covered && let Some(known) = self.known_of(map, now, seen) {
-            let clear_scans = if seen.kind == Kind::Pillar { AVERAGED } else { 0 };
-            map.add(index, Known { clear_scans, ..known });
+        if !is_covered && let Some(known) = known_of(now, seen) {
+            map.add(index, known);
         }
     }
 

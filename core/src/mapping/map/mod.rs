@@ -189,16 +189,14 @@ pub struct Map {
     /// Whether there has been a scan: then single points are not what the vehicle sees by.
     has_scanned: bool,
     overflow_count: u32,
-    refused_count: u32,
 }
 
 impl Map {
     /// Back to an empty store, in place.
     pub fn clear(&mut self) {
-        let Self { known, taken, carried, asked, has_scanned, overflow_count, refused_count } = self;
+        let Self { known, taken, carried, asked, has_scanned, overflow_count } = self;
         known.clear();
-        (*taken, *carried, *asked, *has_scanned) = (None, Instant::default(), 0, false);
-        (*overflow_count, *refused_count) = (0, 0);
+        (*taken, *carried, *asked, *has_scanned, *overflow_count) = (None, Instant::default(), 0, false, 0);
     }
 
     /// The remembered circles.
@@ -227,16 +225,6 @@ impl Map {
     #[must_use]
     pub fn overflow_count(&self) -> u32 {
         self.overflow_count
-    }
-
-    /// Number of circles and hits refused because they were not finite, negative or implausible.
-    #[must_use]
-    pub fn refused_count(&self) -> u32 {
-        self.refused_count
-    }
-
-    fn refuse(&mut self, count: u32) {
-        self.refused_count = self.refused_count.saturating_add(count);
     }
 
     /// Records that a scan has been processed. A recorded time later than now came from a clock that has been set back
@@ -305,7 +293,6 @@ impl Mapper {
 
     #[inline(never)]
     fn take_in(&self, map: &mut Map, now: Instant, segmentation: &Segmentation) {
-        map.refuse(u32::from(segmentation.refused));
         let mut index = Index::new(segmentation.origin_ned_m);
         index.place_all(&map.known);
         self.thin_out(map, &mut index);
@@ -329,10 +316,8 @@ impl Mapper {
         self.advance(map, now);
         let (taken, left) = circles.split_at(circles.len().min(DELIVERY_MAX));
         map.overflow_count = map.overflow_count.saturating_add(left.len() as u32);
-        let plausible = taken.iter().filter(|circle| circle.is_plausible());
-        let refused = taken.len() - plausible.clone().count();
-        map.refuse(refused as u32);
-        if refused > 0 && refused == taken.len() {
+        let mut plausible = taken.iter().filter(|circle| circle.is_plausible()).peekable();
+        if plausible.peek().is_none() && !taken.is_empty() {
             return Err(Refusal::Absurd);
         }
         map.note_taken(now, now);
@@ -461,25 +446,21 @@ impl Mapper {
         }
         known.seen_ms = now_ms;
     }
+}
 
-    /// The detection in the form of the store; `None`, and counted as refused, if it is implausible.
-    fn known_of(&self, map: &mut Map, now: Instant, seen: &Detection) -> Option<Known> {
-        let known = Known {
-            center_ned_m: seen.center_ned_m,
-            radius_m: seen.radius_m,
-            sigma_m: seen.sigma_m,
-            slope_or_front: front_of(seen),
-            seen_ms: millis(now),
-            motion: Motion::default(),
-            origin: Origin::Seen(seen.kind),
-            clear_scans: 0,
-        };
-        if !known.circle().is_plausible() || !(seen.sigma_m > 0.0) {
-            map.refuse(1);
-            return None;
-        }
-        Some(known)
-    }
+/// The detection in the form of the store; `None` if it is implausible.
+fn known_of(now: Instant, seen: &Detection) -> Option<Known> {
+    let known = Known {
+        center_ned_m: seen.center_ned_m,
+        radius_m: seen.radius_m,
+        sigma_m: seen.sigma_m,
+        slope_or_front: front_of(seen),
+        seen_ms: millis(now),
+        motion: Motion::default(),
+        origin: Origin::Seen(seen.kind),
+        clear_scans: if seen.kind == Kind::Pillar { AVERAGED } else { 0 },
+    };
+    (known.circle().is_plausible() && seen.sigma_m > 0.0).then_some(known)
 }
 
 /// Whether a circle is another measurement of a known one.

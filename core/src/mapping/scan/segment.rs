@@ -62,16 +62,6 @@ impl Segmenter {
         Ok(segmentation)
     }
 
-    /// The circles fitted to single hits seen from `pose`.
-    ///
-    /// # Errors
-    /// Why they are refused.
-    pub fn fit_points(&self, points: &Points, pose: &Pose) -> Result<Segmentation, Refusal> {
-        let mut segmentation = Segmentation::default();
-        self.fit_points_into(&mut segmentation, points, pose)?;
-        Ok(segmentation)
-    }
-
     /// As [`Self::fit`], into an empty segmentation in place: it takes 3 KB, and a copy of it would take another 3.
     ///
     /// # Errors
@@ -94,7 +84,7 @@ impl Segmenter {
         Ok(())
     }
 
-    /// As [`Self::fit_points`], into an empty segmentation in place.
+    /// The circles fitted to single hits seen from `pose`, into an empty segmentation.
     ///
     /// # Errors
     /// Why they are refused.

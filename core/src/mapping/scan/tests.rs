@@ -166,10 +166,11 @@ fn what_is_no_sensor_or_looks_from_nowhere_is_refused() {
         assert_eq!(segmenter.fit(&bad, &Pose::default()), Err(Refusal::Geometry), "{bad:?}");
     }
     let points = Points { points_m: [Horizontal::default()].into_iter().collect(), ..Points::default() };
-    assert_eq!(segmenter.fit_points(&points, &Pose::default()), Err(Refusal::Absurd));
+    let fit_points = |pose: &Pose| segmenter.fit_points_into(&mut Segmentation::default(), &points, pose);
+    assert_eq!(fit_points(&Pose::default()), Err(Refusal::Absurd));
     let nowhere = Horizontal { north: f32::NAN, east: 0.0 };
     for pose in [Pose { position_ned_m: nowhere, ..Pose::default() }, Pose { yaw_rad: f32::NAN, ..Pose::default() }] {
         assert_eq!(segmenter.fit(&good, &pose), Err(Refusal::NoOwnship));
-        assert_eq!(segmenter.fit_points(&points, &pose), Err(Refusal::NoOwnship));
+        assert_eq!(fit_points(&pose), Err(Refusal::NoOwnship));
     }
 }

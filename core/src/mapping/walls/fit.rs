@@ -120,14 +120,8 @@ impl Spread {
     }
 }
 
-/// The least-squares line; `None` for fewer than two different points. Points that are not finite are ignored.
-#[must_use]
-pub fn fit(points_ned_m: impl Iterator<Item = Horizontal> + Clone) -> Option<Fit> {
-    fit_finite(points_ned_m.filter(|point| point.is_finite()))
-}
-
-/// The same for points that are known to be finite.
-pub(super) fn fit_finite(points_ned_m: impl Iterator<Item = Horizontal> + Clone) -> Option<Fit> {
+/// The least-squares line through finite points; `None` for fewer than two different ones.
+pub(super) fn fit(points_ned_m: impl Iterator<Item = Horizontal> + Clone) -> Option<Fit> {
     let mut moments = Moments::new();
     for point in points_ned_m.clone() {
         moments.add(point);
@@ -223,15 +217,13 @@ mod tests {
     #[test]
     fn what_is_no_line_is_none() {
         let place = Horizontal { north: 3.0, east: -4.0 };
-        let nowhere = Horizontal { north: f32::NAN, east: 0.0 };
         assert_eq!(fit([].into_iter()), None);
         assert_eq!(fit([place].into_iter()), None);
         assert_eq!(fit([place; 9].into_iter()), None);
-        assert_eq!(fit([place, nowhere].into_iter()), None);
         let huge = Horizontal { north: f32::MAX, east: f32::MAX };
         assert_eq!(fit([place, huge].into_iter()), None);
         let other = Horizontal { north: 3.0, east: 5.0 };
-        let found = fit([place, nowhere, other].into_iter()).unwrap();
+        let found = fit([place, other].into_iter()).unwrap();
         assert_eq!((found.moments.count, found.rms_m), (2.0, 0.0));
         assert!((found.line.to_m - found.line.from_m - 9.0).abs() < 1e-5);
         // Round: some line, finite.

@@ -279,9 +279,7 @@ impl Extractor {
             }
             let piece = order.get(from..to).unwrap_or_default().iter();
             let places = piece.filter_map(|index| points.get(usize::from(*index)).copied());
-            if let Some(fit) =
-                fit::fit_finite(places).filter(|fit| self.is_wall(fit) || (!is_last && self.may_be_wall(fit)))
-            {
+            if let Some(fit) = fit::fit(places).filter(|fit| self.is_wall(fit) || (!is_last && self.may_be_wall(fit))) {
                 let _ = found.push(fit);
             }
             from = to;

@@ -3,7 +3,7 @@
 use crate::base::ned::Horizontal;
 
 /// Cells along a side of the grid.
-pub const SIDE: usize = 32;
+pub(super) const SIDE: usize = 32;
 /// The cell in whose middle the search begins.
 pub(super) const MIDDLE: usize = SIDE / 2;
 

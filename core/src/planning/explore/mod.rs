@@ -2,7 +2,7 @@
 //! received.
 //!
 //! Frontier exploration (B. Yamauchi, "A frontier-based approach for autonomous exploration", CIRA 1997) on a coarse
-//! grid of [`SIDE`] by [`SIDE`] cells around the place where the search began. Each step
+//! grid of 32 by 32 cells around the place where the search began. Each step
 //!
 //! 1. marks the cells that the sensor sees: in its range and field of view, and not behind a remembered circle;
 //! 2. takes as candidates the cells that have not been seen, have a neighbour that has, are not in an obstacle and not
@@ -32,8 +32,7 @@ use crate::base::units::{between, sin_cos, wrap_pi};
 
 mod grid;
 
-pub use grid::SIDE;
-use grid::{Cell, Grid, MIDDLE, Passages, Rows, cells_of, has, ring, set};
+use grid::{Cell, Grid, MIDDLE, Passages, Rows, SIDE, cells_of, has, ring, set};
 
 /// So many plans in a row to the source, some three seconds of signal, end a search.
 const HOMED_MIN: u8 = 5;
@@ -205,12 +204,6 @@ impl State {
     #[must_use]
     pub fn is_searching(&self) -> bool {
         self.began.is_some()
-    }
-
-    /// Number of cells that have been seen.
-    #[must_use]
-    pub fn looked_at(&self) -> u32 {
-        self.looked.iter().map(|row| row.count_ones()).sum()
     }
 
     fn looked(&self, cell: Cell) -> bool {

@@ -236,7 +236,7 @@ fn a_search_ends_by_time_and_begins_anew_where_the_vehicle_is_after_its_end() {
         assert_eq!(step(&mut state, s, &pose), Explored::TimedOut);
     }
     state.end();
-    assert!(!state.is_searching() && state.looked_at() == 0);
+    assert!(!state.is_searching() && state.looked == [0; SIDE]);
     let elsewhere = Pose { position_ned_m: at(-300.0, 9.0), yaw_rad: 1.0 };
     let Explored::Target(target) = step(&mut state, 301.0, &elsewhere) else { panic!("no target") };
     assert!(target.minus(elsewhere.position_ned_m).norm() < 4.0, "{target:?}");
@@ -278,7 +278,7 @@ fn a_target_is_kept_until_it_is_looked_at() {
         assert!(!flight.targets[..index].contains(target), "back to {target:?}");
     }
     // About 700 cells within 15 m of the beginning, and those that were seen from near its edge.
-    let looked_at = flight.state.looked_at();
+    let looked_at: u32 = flight.state.looked.iter().map(|row| row.count_ones()).sum();
     assert!((690..1024).contains(&looked_at), "{looked_at}");
 }
 
