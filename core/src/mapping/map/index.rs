@@ -218,22 +218,12 @@ fn bins(middle_m: f32, reach_m: f32) -> Bins {
 mod tests {
     use super::*;
     use crate::base::rng::Rng;
-    use crate::mapping::map::{Motion, Origin};
+    use crate::mapping::map::{Origin, tests};
     use std::vec::Vec;
 
     fn known(rng: &mut Rng, spread_m: f32) -> Known {
         let center_ned_m = Horizontal { north: spread_m * rng.gaussian(), east: spread_m * rng.gaussian() };
-        let radius_m = 0.05 + rng.uniform() * rng.uniform();
-        Known {
-            center_ned_m,
-            radius_m,
-            sigma_m: 0.01,
-            slope_or_front: Horizontal::default(),
-            motion: Motion::default(),
-            seen_ms: 0,
-            origin: Origin::Given,
-            clear_scans: 0,
-        }
+        tests::known(center_ned_m, 0.05 + rng.uniform() * rng.uniform(), Origin::Given)
     }
 
     #[test]

@@ -19,6 +19,20 @@ fn pillar(north: f32, east: f32, radius_m: f32, sigma_m: f32) -> Segmentation {
     look
 }
 
+/// A remembered circle; a patch was seen from the west.
+pub(super) fn known(center_ned_m: Horizontal, radius_m: f32, origin: Origin) -> Known {
+    Known {
+        center_ned_m,
+        radius_m,
+        sigma_m: 0.005,
+        slope_or_front: Horizontal { north: 0.0, east: -1.0 },
+        motion: Motion::default(),
+        seen_ms: 0,
+        origin,
+        clear_scans: 0,
+    }
+}
+
 fn unknown_scan() -> Scan {
     Scan {
         time: Instant(0),

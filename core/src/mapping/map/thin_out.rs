@@ -133,22 +133,10 @@ mod tests {
     use crate::base::obstacle::Circle;
     use crate::base::rng::Rng;
     use crate::base::time::Instant;
+    use crate::mapping::map::tests::known;
     use crate::mapping::map::{Config, Motion};
     use crate::mapping::scan::{Kind, Segmentation};
     use std::vec::Vec;
-
-    fn known(center_ned_m: Horizontal, radius_m: f32, origin: Origin) -> Known {
-        Known {
-            center_ned_m,
-            radius_m,
-            sigma_m: 0.005,
-            slope_or_front: Horizontal { north: 0.0, east: -1.0 },
-            motion: Motion::default(),
-            seen_ms: 0,
-            origin,
-            clear_scans: 0,
-        }
-    }
 
     /// Pillars with four patches each: together more than [`FULL`] circles.
     const PILLARS: usize = FULL / 4;
