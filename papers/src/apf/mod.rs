@@ -10,7 +10,7 @@
 //! latter is implemented, with the target from the request. If the target comes within range of a goal whose position
 //! is known, or would be behind it, it is the goal.
 
-use foxhound_core::base::config::{RangeSensor, Vehicle};
+use foxhound_core::base::config::{Fence, RangeSensor, Vehicle};
 use foxhound_core::base::error::{ConfigError, Why};
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::{Disc, Obstacle};
@@ -111,11 +111,11 @@ impl AnyPlanner {
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(config: &Config, vehicle: &Vehicle, sensor: &RangeSensor) -> Result<Self, ConfigError> {
+    pub fn build(config: &Config, vehicle: &Vehicle, sensor: &RangeSensor, fence: &Fence) -> Result<Self, ConfigError> {
         if config.kind == Kind::Foxhound {
-            return Ok(Self { config: *config, vehicle: *vehicle, own: config.build(vehicle, sensor)? });
+            return Ok(Self { config: *config, vehicle: *vehicle, own: config.build(vehicle, sensor, fence)? });
         }
-        let own = own(config).build(vehicle, sensor)?;
+        let own = own(config).build(vehicle, sensor, fence)?;
         config.law.check()?;
         if config.explore.is_some() {
             let why = Why::Inconsistent("only the planner foxhound can search");
@@ -279,11 +279,9 @@ mod tests {
 
     fn run(name: &str, request: &PlanRequest, known: &[Disc]) -> (Plan, Workspace) {
         let mut workspace = Workspace::default();
-        let plan = AnyPlanner::build(&named(name).unwrap(), &Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap().plan(
-            &mut workspace,
-            request,
-            known,
-        );
+        let plan = AnyPlanner::build(&named(name).unwrap(), &Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT)
+            .unwrap()
+            .plan(&mut workspace, request, known);
         (plan, workspace)
     }
 
@@ -298,7 +296,8 @@ mod tests {
 
     #[test]
     fn only_the_planner_foxhound_can_search() {
-        let build = |config: &Config| AnyPlanner::build(config, &Vehicle::DEFAULT, &RangeSensor::DEFAULT);
+        let build =
+            |config: &Config| AnyPlanner::build(config, &Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT);
         let search = |name| Config { explore: Some(explore::Config::default()), ..named(name).unwrap() };
         assert_eq!(build(&search("paper")).unwrap_err().field, "planner.explore");
         assert!(build(&search("foxhound")).is_ok());

@@ -175,15 +175,20 @@ pub(super) fn fly(scenario: &Scenario, planner: &AnyPlanner, rules: Rules, seed:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foxhound_core::base::config::{RangeSensor, Vehicle};
+    use foxhound_core::base::config::{Fence, RangeSensor, Vehicle};
     use foxhound_papers::apf;
 
     fn fly_past(obstacles: &str, rules: Rules) -> Flown {
         let text = format!(
             r#"{{"start":[1,5],"goal":[9,5],"bearing":{{"sigma_deg":0}},"goal_tolerance":0.3,"obstacles":{obstacles}}}"#
         );
-        let planner =
-            AnyPlanner::build(&apf::named("standard").unwrap(), &Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap();
+        let planner = AnyPlanner::build(
+            &apf::named("standard").unwrap(),
+            &Vehicle::DEFAULT,
+            &RangeSensor::DEFAULT,
+            &Fence::DEFAULT,
+        )
+        .unwrap();
         fly(&Scenario::parse(&text).unwrap(), &planner, rules, 1)
     }
 
