@@ -8,6 +8,7 @@
 //! numbers, and the sums are taken in the order of the file.
 
 use std::path::Path;
+use std::sync::LazyLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use foxhound_core::doa::bearing::Estimator;
@@ -15,14 +16,15 @@ use foxhound_core::planning::planner;
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_xoshiro::SplitMix64;
 use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::computer::HostComputer;
 use super::flight::{self, Ending, Mission, Record};
 use super::maps::{Pair, Pillar};
-use crate::scenario::input::{InputError, check, parse_strictly, read_text};
-use crate::scenario::{Bearing, FLIGHT_KEYS, Limits, Obstacle, Scenario, Sensor, Vehicle};
+use crate::scenario::input::{InputError, check, read_text};
+use crate::scenario::{Bearing, Limits, Obstacle, Scenario, Schema, Sensor, Vehicle};
 
 pub mod journal;
 mod report;
@@ -35,7 +37,7 @@ use shard::Shard;
 const STACK_BYTES: usize = 16 << 20;
 
 /// Maps and pairs, and the common settings of all flights.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Suite {
     /// Descriptive: its name.
@@ -74,7 +76,7 @@ pub struct Suite {
 }
 
 /// One map and its pairs.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Map {
     /// The row of the table that it belongs to.
     pub row: u32,
@@ -106,19 +108,7 @@ impl Map {
     }
 }
 
-/// The keys of a suite file, with their paths, beside those of a flight.
-const KEYS: [&str; 10] = [
-    "seed",
-    "maps",
-    "maps[].row",
-    "maps[].instance",
-    "maps[].name",
-    "maps[].seed",
-    "maps[].mean",
-    "maps[].variance",
-    "maps[].obstacles",
-    "maps[].pairs",
-];
+static SCHEMA: LazyLock<Schema> = LazyLock::new(|| Schema::of::<Suite>("suite"));
 
 impl Default for Suite {
     fn default() -> Self {
@@ -156,14 +146,7 @@ impl Suite {
     /// # Errors
     /// The path of the first key that is unknown, of the wrong type or out of range.
     pub fn parse(text: &str) -> Result<Self, InputError> {
-        // Invalid JSON is refused below, where the path is known.
-        if let Ok(value) = serde_json::from_str::<Value>(text) {
-            refuse_lists_for_objects(&value)?;
-        }
-        let mut document = serde_json::Deserializer::from_str(text);
-        let suite: Self = parse_strictly(&mut document, &[&FLIGHT_KEYS[..], &KEYS].concat())?;
-        document.end().map_err(|error| InputError::new(error.to_string()))?;
-        suite.checked()
+        SCHEMA.read::<Self>(text)?.checked()
     }
 
     /// Checks every number.
@@ -257,23 +240,6 @@ impl Suite {
             0 => Err(InputError::new("--only or --pairs: no pair is left")),
             count => Ok(count),
         }
-    }
-}
-
-/// A derived reader would accept a list for an object, field by field.
-fn refuse_lists_for_objects(value: &Value) -> Result<(), InputError> {
-    let mut places = vec![("suite".to_owned(), Some(value))];
-    for name in ["sensor", "bearing", "limits", "vehicle"] {
-        places.push((name.to_owned(), value.get(name)));
-    }
-    places.push(("bearing.outlier".to_owned(), value.pointer("/bearing/outlier")));
-    places.push(("bearing.pulses".to_owned(), value.pointer("/bearing/pulses").filter(|value| !value.is_null())));
-    for (index, map) in value.get("maps").and_then(Value::as_array).into_iter().flatten().enumerate() {
-        places.push((format!("maps[{index}]"), Some(map)));
-    }
-    match places.into_iter().find(|(_, place)| place.is_some_and(|value| !value.is_object())) {
-        Some((path, _)) => Err(InputError::new(format!("{path}: expected an object {{...}}"))),
-        None => Ok(()),
     }
 }
 
@@ -448,8 +414,7 @@ pub fn fly_all(
     Ok(flown.into_iter().flatten().collect())
 }
 
-/// The same with flights that have numbers, until `stop` is set: flights that were not finished then are none. An error of
-/// The flight also ends when `watch` fails.
+/// The same with flights that have numbers, until `stop` is set: flights that were not finished then are none.
 ///
 /// # Errors
 /// The configuration is refused, a computer fails, or `watch` does.

@@ -3,14 +3,6 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::input::{InputError, check};
-
-/// Frequency offsets at which another beacon's tone is within the receiver's band.
-const OFFSET_MIN_HZ: f64 = -12_000.0;
-const OFFSET_MAX_HZ: f64 = 30_000.0;
-/// Farthest coordinate.
-const FAR_M: f64 = 10_000.0;
-
 /// The beacon transmits in pulses, from the start of the flight on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
@@ -21,13 +13,6 @@ pub struct Pulses {
     /// Length of a pulse.
     #[schemars(range(min = 0.001, max = 3600.0))]
     pub length_s: f64,
-}
-
-impl Pulses {
-    pub(super) fn check(self) -> Result<(), InputError> {
-        check("bearing.pulses.period_s", self.period_s, 0.01, 3600.0)?;
-        check("bearing.pulses.length_s", self.length_s, 0.001, self.period_s)
-    }
 }
 
 /// Another beacon.
@@ -93,32 +78,5 @@ impl Default for Wind {
 impl Default for Position {
     fn default() -> Self {
         Self { noise_m: 0.0, drift_m: 0.0, drift_s: 20.0 }
-    }
-}
-
-impl OtherBeacon {
-    pub(super) fn check(self, index: usize) -> Result<(), InputError> {
-        let path = |key: &str| format!("other_beacons[{index}].{key}");
-        check(&path("x"), self.x, -FAR_M, FAR_M)?;
-        check(&path("y"), self.y, -FAR_M, FAR_M)?;
-        check(&path("offset_hz"), self.offset_hz, OFFSET_MIN_HZ, OFFSET_MAX_HZ)?;
-        check(&path("level_db"), self.level_db, -60.0, 40.0)
-    }
-}
-
-impl Wind {
-    pub(super) fn check(self) -> Result<(), InputError> {
-        check("wind.vx", self.vx, -20.0, 20.0)?;
-        check("wind.vy", self.vy, -20.0, 20.0)?;
-        check("wind.gust_mps", self.gust_mps, 0.0, 10.0)?;
-        check("wind.gust_s", self.gust_s, 0.1, 100.0)
-    }
-}
-
-impl Position {
-    pub(super) fn check(self) -> Result<(), InputError> {
-        check("position.noise_m", self.noise_m, 0.0, 10.0)?;
-        check("position.drift_m", self.drift_m, 0.0, 100.0)?;
-        check("position.drift_s", self.drift_s, 1.0, 3600.0)
     }
 }

@@ -4,23 +4,22 @@
 //! range, is refused with its full path.
 
 use std::path::PathBuf;
+use std::sync::LazyLock;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::disturbed::{OtherBeacon, Position, Wind};
-use super::input::{InputError, check, parse_strictly};
+use super::input::{InputError, check};
 use super::landing::Landing;
 use super::people::Person;
 use super::random::RandomPillars;
+use super::schema::Schema;
 use super::tracks;
 
-mod keys;
 mod parts;
 
-pub(crate) use keys::FLIGHT_KEYS;
-pub(super) use keys::KEYS;
 pub use parts::{
     Antenna, Bearing, BearingModel, Faults, Limits, Obstacle, Outlier, Sensor, SensorModel, Software, Vehicle,
     VehicleModel, Wall,
@@ -186,14 +185,7 @@ impl Scenario {
     /// # Errors
     /// The path of the first key that is unknown, of the wrong type or out of range.
     pub fn parse(text: &str) -> Result<Self, InputError> {
-        // Invalid JSON is refused below, where the path is known.
-        if let Ok(value) = serde_json::from_str::<Value>(text) {
-            refuse_lists_for_objects(&value)?;
-        }
-        let mut document = serde_json::Deserializer::from_str(text);
-        let scenario: Self = parse_strictly(&mut document, &[&FLIGHT_KEYS[..], &KEYS].concat())?;
-        document.end().map_err(|error| InputError::new(error.to_string()))?;
-        scenario.checked()
+        SCHEMA.read::<Self>(text)?.checked()
     }
 
     /// Checks every number.
@@ -201,63 +193,24 @@ impl Scenario {
     /// # Errors
     /// The path of the first field out of range, its value and the range.
     pub fn checked(self) -> Result<Self, InputError> {
+        SCHEMA.check(&serde_json::to_value(&self).map_err(|error| InputError::new(error.to_string()))?)?;
         let far = 10_000.0;
-        for (index, value) in self.bounds.iter().enumerate() {
-            check(&format!("bounds[{index}]"), *value, -far, far)?;
-        }
         check("bounds[2]", self.bounds[2], self.bounds[0] + 0.1, far)?;
         check("bounds[3]", self.bounds[3], self.bounds[1] + 0.1, far)?;
-        check("drone_radius", self.drone_radius, 0.01, 5.0)?;
-        for (name, pair, limit) in
-            [("start", self.start, far), ("goal", self.goal, far), ("goal_velocity", self.goal_velocity, 20.0)]
-        {
-            for (index, value) in pair.iter().enumerate() {
-                check(&format!("{name}[{index}]"), *value, -limit, limit)?;
-            }
-        }
-        for (index, obstacle) in self.obstacles.iter().enumerate() {
-            let path = |key: &str| format!("obstacles[{index}].{key}");
-            check(&path("x"), obstacle.x, -far, far)?;
-            check(&path("y"), obstacle.y, -far, far)?;
-            check(&path("r"), obstacle.r, 0.001, 1000.0)?;
-            check(&path("vx"), obstacle.vx, -20.0, 20.0)?;
-            check(&path("vy"), obstacle.vy, -20.0, 20.0)?;
-            if obstacle.turns_s != 0.0 {
-                check(&path("turns_s"), obstacle.turns_s, 0.5, 3600.0)?;
-            }
+        for (index, obstacle) in self.obstacles.iter().enumerate().filter(|(_, obstacle)| obstacle.turns_s != 0.0) {
+            check(&format!("obstacles[{index}].turns_s"), obstacle.turns_s, 0.5, 3600.0)?;
         }
         for (index, person) in self.people.iter().enumerate() {
             person.check(&format!("people[{index}]"), self.start)?;
         }
         if let Some(random) = self.random {
-            random.check()?;
+            check("random.radius[1]", random.radius[1], random.radius[0], 10.0)?;
         }
         for (index, wall) in self.walls.iter().enumerate() {
-            let path = |key: &str| format!("walls[{index}].{key}");
-            for (key, value) in [("x0", wall.x0), ("y0", wall.y0), ("x1", wall.x1), ("y1", wall.y1)] {
-                check(&path(key), value, -far, far)?;
-            }
-            check(&path("r"), wall.r, 0.02, 10.0)?;
-            check(&path("reflection_db"), wall.reflection_db, 0.0, 100.0)?;
-            check(&path("passage_db"), wall.passage_db, 0.0, 100.0)?;
             let length = libm::hypot(wall.x1 - wall.x0, wall.y1 - wall.y0);
             check(&format!("walls[{index}]: its length"), length, 0.1, 1000.0 * wall.r)?;
         }
         self.refuse_start_inside()?;
-        check("sensor.fov_deg", self.sensor.fov_deg, 6.0, 360.0)?;
-        check("sensor.range_m", self.sensor.range_m, 0.1, 100.0)?;
-        check("sensor.rays", f64::from(self.sensor.rays), 8.0, 360.0)?;
-        check("sensor.turn_s", self.sensor.turn_s, 0.0, 0.1)?;
-        check("bearing.sigma_deg", self.bearing.sigma_deg, 0.0, 180.0)?;
-        if let Some(snr_db) = self.bearing.snr_db {
-            check("bearing.snr_db", snr_db, -30.0, 80.0)?;
-        }
-        check("bearing.outlier.rate", self.bearing.outlier.rate, 0.0, 1.0)?;
-        check("bearing.outlier.offset_deg", self.bearing.outlier.offset_deg, -360.0, 360.0)?;
-        check("bearing.place_bias_deg", self.bearing.place_bias_deg, 0.0, 45.0)?;
-        if let Some(rate_hz) = self.bearing.rate_hz {
-            check("bearing.rate_hz", rate_hz, 0.2, 50.0)?;
-        }
         let needs_noise = [
             ("bearing.place_bias_deg", self.bearing.place_bias_deg != 0.0),
             ("bearing.rate_hz", self.bearing.rate_hz.is_some()),
@@ -267,60 +220,33 @@ impl Scenario {
         {
             return Err(InputError::new(format!("{field}: only where bearing.model is not `rf`")));
         }
-        if let Some(antenna) = self.antenna {
-            check("antenna.exponent", antenna.exponent, 0.5, 8.0)?;
-            check("antenna.front_to_back_db", antenna.front_to_back_db, 3.0, 40.0)?;
-            for (index, boresight_deg) in antenna.boresight_deg.into_iter().enumerate() {
-                check(&format!("antenna.boresight_deg[{index}]"), boresight_deg, -360.0, 360.0)?;
-            }
-            check("antenna.turn_deg_per_s", antenna.turn_deg_per_s, 23.0, 140.0)?;
+        if self.antenna.is_some() {
             self.needs_waveforms("antenna")?;
         }
         for (index, window) in self.faults.dead_channels.into_iter().enumerate() {
-            if let Some([from, to]) = window {
-                check(&format!("faults.dead_channels[{index}][0]"), from, 0.0, 1e6)?;
-                check(&format!("faults.dead_channels[{index}][1]"), to, from, 1e6)?;
-                self.needs_waveforms(&format!("faults.dead_channels[{index}]"))?;
-            }
+            let name = format!("faults.dead_channels[{index}]");
+            check_window(&name, window)?;
+            window.map_or(Ok(()), |_| self.needs_waveforms(&name))?;
         }
         if let Some(pulses) = self.bearing.pulses {
-            pulses.check()?;
+            check("bearing.pulses.length_s", pulses.length_s, 0.001, pulses.period_s)?;
         }
-        for (index, beacon) in self.other_beacons.iter().enumerate() {
-            beacon.check(index)?;
+        for index in 0..self.other_beacons.len() {
             self.needs_waveforms(&format!("other_beacons[{index}]"))?;
         }
-        if let Some(wind) = self.wind {
-            wind.check()?;
-        }
-        if let Some(position) = self.position {
-            position.check()?;
-        }
-        if let Some(landing) = self.landing {
-            landing.check()?;
-        }
-        check("limits.v_max", self.limits.v_max, 0.05, 20.0)?;
-        check("limits.v_evade", self.limits.v_evade, 0.0, 20.0)?;
-        check("limits.a_max", self.limits.a_max, 0.1, 20.0)?;
-        check("vehicle.lag_s", self.vehicle.lag_s, 0.0, 5.0)?;
         if self.explore_s != 0.0 {
             check("explore_s", self.explore_s, 1.0, 3600.0)?;
         }
-        check("goal_tolerance", self.goal_tolerance, 0.01, 100.0)?;
-        check("max_time_s", self.max_time_s, 0.1, 3600.0)?;
+        let camera = self.landing.and_then(|landing| landing.camera).unwrap_or_default();
         for (name, window) in [
+            ("landing.camera.cut", camera.cut),
+            ("landing.camera.blind", camera.blind),
             ("bearing.dropout", self.bearing.dropout),
             ("faults.nan_bearing", self.faults.nan_bearing),
             ("faults.stale_obstacles", self.faults.stale_obstacles),
             ("faults.stale_ownship", self.faults.stale_ownship),
         ] {
-            if let Some([from, to]) = window {
-                check(&format!("{name}[0]"), from, 0.0, 1e6)?;
-                check(&format!("{name}[1]"), to, from, 1e6)?;
-            }
-        }
-        if let Some(at) = self.faults.clock_back_s {
-            check("faults.clock_back_s", at, 0.0, 1e6)?;
+            check_window(name, window)?;
         }
         Ok(self)
     }
@@ -378,27 +304,19 @@ impl Scenario {
     }
 }
 
-/// A derived reader would accept a list for an object, field by field.
-fn refuse_lists_for_objects(value: &Value) -> Result<(), InputError> {
-    let mut places = vec![("scenario".to_owned(), Some(value))];
-    for name in ["sensor", "bearing", "limits", "vehicle", "faults"] {
-        places.push((name.to_owned(), value.get(name)));
-    }
-    places.push(("bearing.outlier".to_owned(), value.pointer("/bearing/outlier")));
-    // These may be null.
-    for name in ["antenna", "random", "wind", "position", "landing", "landing.camera", "bearing.pulses"] {
-        let place = value.pointer(&format!("/{}", name.replace('.', "/")));
-        places.push((name.to_owned(), place.filter(|value| !value.is_null())));
-    }
-    for name in ["obstacles", "people", "walls", "other_beacons"] {
-        for (index, entry) in value.get(name).and_then(Value::as_array).into_iter().flatten().enumerate() {
-            places.push((format!("{name}[{index}]"), Some(entry)));
-        }
-    }
-    match places.into_iter().find(|(_, place)| place.is_some_and(|value| !value.is_object())) {
-        Some((path, _)) => Err(InputError::new(format!("{path}: expected an object {{...}}"))),
-        None => Ok(()),
-    }
+static SCHEMA: LazyLock<Schema> = LazyLock::new(|| Schema::of::<Scenario>("scenario"));
+
+/// The JSON schema (draft 2020-12) of a scenario file.
+#[must_use]
+pub fn schema() -> Value {
+    let mut schema = SCHEMA.root.clone();
+    schema["title"] = "Foxhound scenario".into();
+    schema
+}
+
+/// Refuses a time span that ends before it begins.
+fn check_window(name: &str, window: Option<[f64; 2]>) -> Result<(), InputError> {
+    window.map_or(Ok(()), |[from, to]| check(&format!("{name}[1]"), to, from, 1e6))
 }
 
 /// Height of the flight above the local origin: 2 m up.

@@ -3,8 +3,6 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::input::{InputError, check};
-
 /// The flight ends when the vehicle has landed, or hovers and hands over; without this it ends within the goal
 /// tolerance.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -92,33 +90,7 @@ impl Default for Camera {
     }
 }
 
-impl Landing {
-    pub(super) fn check(&self) -> Result<(), InputError> {
-        check("landing.height", self.height, 1.0, 12.0)?;
-        for (index, value) in self.pad.into_iter().enumerate() {
-            check(&format!("landing.pad[{index}]"), value, -10.0, 10.0)?;
-        }
-        check("landing.pad_radius", self.pad_radius, 0.05, 2.0)?;
-        self.camera.map_or(Ok(()), Camera::check)
-    }
-}
-
 impl Camera {
-    fn check(self) -> Result<(), InputError> {
-        check("landing.camera.width", f64::from(self.width), 16.0, 320.0)?;
-        check("landing.camera.height", f64::from(self.height), 16.0, 240.0)?;
-        check("landing.camera.fov_deg", self.fov_deg, 20.0, 120.0)?;
-        check("landing.camera.rate_hz", self.rate_hz, 1.0, 50.0)?;
-        check("landing.camera.latency_s", self.latency_s, 0.0, 1.0)?;
-        for (name, window) in [("cut", self.cut), ("blind", self.blind)] {
-            if let Some([from, to]) = window {
-                check(&format!("landing.camera.{name}[0]"), from, 0.0, 1e6)?;
-                check(&format!("landing.camera.{name}[1]"), to, from, 1e6)?;
-            }
-        }
-        Ok(())
-    }
-
     /// Focal length over the image's width.
     #[must_use]
     pub fn focal_widths(self) -> f64 {

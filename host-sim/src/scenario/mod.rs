@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `file` | the scenario file, with its parts in `disturbed`, `landing`, `people` and `random` |
 //! | `tracks` | the file of tracks of real people that a scenario may name |
-//! | `schema` | the JSON schema of scenario files |
+//! | `schema` | JSON schemas of the files, by which they are read |
 //! | [`params`] | parameters of the flight computer |
 //! | [`input`] | reading any input, and errors about it |
 //! | [`output`] | writing any result, complete or not at all |
@@ -21,12 +21,11 @@ mod schema;
 mod tracks;
 
 pub use disturbed::{OtherBeacon, Position, Pulses, Wind};
-pub(crate) use file::FLIGHT_KEYS;
 pub use file::{
     Antenna, Bearing, BearingModel, FLIGHT_DOWN_M, Faults, Limits, Obstacle, Outlier, Scenario, Sensor, SensorModel,
-    Software, Vehicle, VehicleModel, Wall, inside,
+    Software, Vehicle, VehicleModel, Wall, inside, schema,
 };
 pub use landing::{Camera, Landing};
 pub use people::Person;
 pub use random::RandomPillars;
-pub use schema::schema;
+pub(crate) use schema::Schema;

@@ -3,8 +3,6 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::input::{InputError, check};
-
 /// Pillars at random places on the map; each seed of the flight gives another world.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
@@ -27,15 +25,5 @@ pub struct RandomPillars {
 impl Default for RandomPillars {
     fn default() -> Self {
         Self { count: 20, radius: [0.15, 0.35], gap: 0.6, clear: 0.8 }
-    }
-}
-
-impl RandomPillars {
-    pub(super) fn check(&self) -> Result<(), InputError> {
-        check("random.count", f64::from(self.count), 0.0, 1000.0)?;
-        check("random.radius[0]", self.radius[0], 0.02, 10.0)?;
-        check("random.radius[1]", self.radius[1], self.radius[0], 10.0)?;
-        check("random.gap", self.gap, 0.0, 100.0)?;
-        check("random.clear", self.clear, 0.0, 100.0)
     }
 }

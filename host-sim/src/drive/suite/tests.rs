@@ -33,9 +33,9 @@ fn every_key_is_taken_and_written_back() {
     let written = serde_json::to_string(&suite).unwrap();
     assert_eq!(Suite::parse(&written).unwrap(), suite);
     let value: Value = serde_json::from_str(&written).unwrap();
-    for key in FLIGHT_KEYS.into_iter().chain(KEYS) {
+    for key in &SCHEMA.keys {
         let pointer = format!("/{}", key.replace("[]", ".0").replace('.', "/"));
-        assert!(value.pointer(&pointer).is_some(), "{key} is no key of a suite");
+        assert!(value.pointer(&pointer).is_some(), "{key} is not tried here");
     }
 }
 

@@ -1,5 +1,7 @@
 //! What is refused, and how it is named.
 
+use serde_json::{Map, json};
+
 use super::*;
 
 fn refused(text: &str) -> String {
@@ -41,11 +43,10 @@ fn every_key_is_taken_and_written_back() {
     assert_eq!(scenario.obstacles[0].vy, 0.2);
     let written = serde_json::to_string(&scenario).unwrap();
     assert_eq!(Scenario::parse(&written).unwrap(), scenario);
-    // The list of known keys is the list of the keys that there are.
     let value: Value = serde_json::from_str(&written).unwrap();
-    for key in FLIGHT_KEYS.into_iter().chain(KEYS) {
+    for key in &SCHEMA.keys {
         let pointer = format!("/{}", key.replace("[]", ".0").replace('.', "/"));
-        assert!(value.pointer(&pointer).is_some(), "{key} is no key of a scenario");
+        assert!(value.pointer(&pointer).is_some(), "{key} is not tried here");
     }
 }
 
@@ -116,7 +117,7 @@ fn unknown_keys_are_named_with_their_path_and_the_nearest_known_one() {
         refused(r#"{"obstacles":[{"x":1,"y":1,"r":1},{"x":1,"y":1,"r":1,"radius":2}]}"#)
             .starts_with("obstacles[1].radius: unknown key")
     );
-    assert!(refused(r#"{"limits":{"zzz":1}}"#).contains("known here: v_max, v_evade, a_max"));
+    assert!(refused(r#"{"limits":{"zzz":1}}"#).contains("known here: a_max, v_evade, v_max"));
     assert!(refused(r#"{"faults":{"nan_bearings":[1,2]}}"#).contains("`nan_bearing`"));
 }
 
@@ -197,4 +198,125 @@ fn values_of_the_wrong_kind_are_named_with_their_path() {
     assert_eq!(refused("[]"), "scenario: expected an object {...}");
     assert_eq!(refused(r#"{"limits":[1,2]}"#), "limits: expected an object {...}");
     assert_eq!(refused(r#"{"obstacles":[[1,2,0.3]]}"#), "obstacles[0]: expected an object {...}");
+}
+
+/// A number of the schema: its path, and its limits.
+struct Number {
+    path: Vec<String>,
+    limits: [f64; 2],
+}
+
+fn is_kind(part: &Value, kinds: &[&str]) -> bool {
+    let listed = |kind: &Value| kinds.iter().any(|wanted| kind == wanted);
+    let kind = &part["type"];
+    listed(kind) || kind.as_array().is_some_and(|all| all.iter().any(listed))
+}
+
+fn numbers(part: &Value, path: &[String], found: &mut Vec<Number>) {
+    let part = SCHEMA.resolved(part);
+    if is_kind(part, &["number", "integer"]) {
+        let limit = |name: &str| part[name].as_f64().unwrap_or_else(|| panic!("{path:?} has no {name}: {part}"));
+        found.push(Number { path: path.to_vec(), limits: [limit("minimum"), limit("maximum")] });
+    }
+    for (key, value) in part["properties"].as_object().unwrap_or(&Map::new()) {
+        numbers(value, &[path, std::slice::from_ref(key)].concat(), found);
+    }
+    if let Some(items) = part.get("items") {
+        let all = part["minItems"].as_u64().unwrap_or(1);
+        for index in 0..all {
+            numbers(items, &[path, &[index.to_string()]].concat(), found);
+        }
+    }
+}
+
+/// A scenario with every key.
+fn full() -> Value {
+    json!({
+        "bounds": [0, 0, 10, 10], "start": [1, 1], "goal": [9, 9], "goal_velocity": [0, 0],
+        "obstacles": [{"x": 3, "y": 3, "r": 0.3}],
+        "people": [{"route": [[5, 5]], "heading_deg": 0}],
+        "random": {"radius": [0.1, 0.2]},
+        "walls": [{"x0": 0, "y0": 0, "x1": 5, "y1": 0}], "antenna": {"boresight_deg": [0, 0, 0, 0]},
+        "bearing": {"snr_db": 20, "outlier": {}, "dropout": [0, 1], "pulses": {"period_s": 1, "length_s": 0.5}},
+        "other_beacons": [{"x": 1, "y": 1, "offset_hz": 3000}], "wind": {}, "position": {},
+        "landing": {"pad": [0, 0], "camera": {"cut": [0, 1], "blind": [0, 1]}}, "sensor": {}, "limits": {},
+        "vehicle": {},
+        "faults": {"nan_bearing": [0, 1], "stale_obstacles": [0, 1], "stale_ownship": [0, 1],
+            "dead_channels": [[0, 1], [0, 1], [0, 1], [0, 1]]},
+    })
+}
+
+fn parsed(path: &[String], value: f64) -> Result<Scenario, String> {
+    let mut scenario = full();
+    if path.iter().any(|key| key == "track") {
+        scenario["people"] = json!([{"track": [[0, 5, 5], [1, 6, 5]]}]);
+    }
+    if path.iter().any(|key| ["place_bias_deg", "rate_hz"].contains(&key.as_str())) {
+        // Of the noise model only, in which there are no channels.
+        scenario["bearing"]["model"] = json!("noise");
+        scenario["other_beacons"] = json!([]);
+        (scenario["antenna"], scenario["faults"]["dead_channels"]) = (Value::Null, json!([null, null, null, null]));
+    }
+    let mut place = &mut scenario;
+    for key in path {
+        place = match place {
+            Value::Array(list) => &mut list[key.parse::<usize>().unwrap()],
+            other => &mut other[key.as_str()],
+        };
+    }
+    let is_whole = ["random count", "camera width", "camera height", "0 group", "sensor rays"]
+        .iter()
+        .any(|whole| path.len() > 1 && path[path.len() - 2..].join(" ") == **whole);
+    *place = if is_whole { json!(value as i64) } else { json!(value) };
+    Scenario::parse(&scenario.to_string()).map_err(|error| error.to_string())
+}
+
+#[test]
+fn every_number_has_limits_and_the_reader_keeps_them() {
+    let mut found = Vec::new();
+    numbers(&SCHEMA.root, &[], &mut found);
+    assert!(found.len() > 60, "{}", found.len());
+    for Number { path, limits: [low, high] } in found {
+        let off = 1.0_f64.max(1e-3 * (high - low));
+        for beyond in [low - off, high + off] {
+            let error = parsed(&path, beyond).expect_err(&format!("{path:?} = {beyond}"));
+            assert!(
+                error.contains("is outside") && error.contains(path.last().unwrap()),
+                "{path:?} = {beyond}: {error}"
+            );
+        }
+        for limit in [low, high] {
+            // Any error at the limit must be about another number.
+            if let Err(error) = parsed(&path, limit) {
+                let about = [
+                    "bounds",
+                    "its length",
+                    "radius",
+                    "length_s",
+                    "dropout",
+                    "faults",
+                    "cut",
+                    "blind",
+                    "people[0]:",
+                    "is inside",
+                ];
+                assert!(about.iter().any(|one| error.contains(one)), "{path:?} = {limit}: {error}");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_key_says_what_it_is_and_no_other_may_stand_beside_it() {
+    for known in &SCHEMA.keys {
+        let mut part = &SCHEMA.root;
+        for key in known.split('.') {
+            part = SCHEMA.resolved(part);
+            assert_eq!(part["additionalProperties"], false, "{known}");
+            let (name, is_list) = key.strip_suffix("[]").map_or((key, false), |name| (name, true));
+            part = &part["properties"][name];
+            assert!(part["description"].as_str().is_some_and(|text| text.len() > 3), "{known}: {part}");
+            part = if is_list { &part["items"] } else { part };
+        }
+    }
 }
