@@ -192,6 +192,13 @@ pub(crate) fn cargo() -> Command {
     cargo
 }
 
+/// `cargo run` of the simulator's programs, in release.
+pub(crate) fn simulator() -> Command {
+    let mut cargo = cargo();
+    cargo.args(["run", "--release", "--quiet", "--package", "foxhound-sim"]);
+    cargo
+}
+
 pub(crate) fn workspace() -> &'static Path {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     here.parent().unwrap_or(here)

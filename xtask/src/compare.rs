@@ -13,7 +13,7 @@ use std::thread;
 
 use serde_json::{Value, json};
 
-use crate::build::{answer, built, cargo, workspace};
+use crate::build::{answer, built, cargo, simulator, workspace};
 use crate::{Failure, study};
 
 const DRAWN: &str = r#"{"vehicle":{"model":"arducopter"}}"#;
@@ -129,9 +129,9 @@ pub(crate) fn run(old: &Path, new: Option<&Path>, commit: &str, flights: u32) ->
 
 /// The worlds of all kinds: kind, seed, `shortest_m`, scenario.
 fn worlds(flights: u32) -> Result<Vec<Value>, Failure> {
-    let mut cargo = cargo();
-    cargo.args(["run", "--release", "--quiet", "--package", "foxhound-sim", "--example", "study", "--", "worlds"]);
-    cargo.arg(flights.to_string()).args([study::path("tests/traps"), study::path(study::BARN)]);
+    let mut cargo = simulator();
+    cargo.args(["--example", "study", "--", "worlds"]).arg(flights.to_string());
+    cargo.args([study::path("tests/traps"), study::path(study::BARN)]);
     let refused = |error| Failure(format!("study worlds: {error}"));
     let lines = output(cargo.stderr(Stdio::inherit()))?;
     let mut worlds = lines.lines().map(serde_json::from_str).collect::<Result<Vec<Value>, _>>().map_err(refused)?;

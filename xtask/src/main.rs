@@ -78,14 +78,8 @@ enum Task {
         #[arg(long)]
         renew: bool,
     },
-    /// Print how much of the flash the link takes, by function
+    /// Print how much of the flash each layer and crate takes, and the longest functions: docs/results/size.md
     Size {
-        /// Print one JSON object: base, `with_link`, link, allocator, functions
-        #[arg(long)]
-        json: bool,
-        /// Print instead what each layer of the board's whole image takes, as `docs/results/size.md` has it
-        #[arg(long, conflicts_with = "json")]
-        layers: bool,
         #[command(flatten)]
         parts: Parts,
     },
@@ -93,17 +87,11 @@ enum Task {
     Panics {
         #[command(flatten)]
         parts: Parts,
-        /// Print one JSON object: roots, panics with root, function, panics, way, proof
-        #[arg(long)]
-        json: bool,
     },
     /// Print the most stack that the image can take
     Stack {
         #[command(flatten)]
         parts: Parts,
-        /// Print one JSON object: levels, `stack_bytes`, `variables_bytes`, `bytes_max`
-        #[arg(long)]
-        json: bool,
     },
     /// Build for the NUCLEO-G474RE, write it through the ST-LINK and show its log (needs probe-rs)
     Flash {
@@ -114,11 +102,7 @@ enum Task {
     #[command(subcommand)]
     Qemu(Twin),
     /// Count the instructions of each stage in QEMU
-    Bench {
-        /// Print one JSON object: the rows with name, instructions, ceiling
-        #[arg(long)]
-        json: bool,
-    },
+    Bench,
     /// Fly many missions on the host and in QEMU, and compare their traces
     Parity {
         /// How many
@@ -247,10 +231,9 @@ fn run(task: &Task) -> Result<(), Failure> {
         Task::Firmware { board, parts, json } => firmware(*parts, board, *json),
         Task::Dist { dirty, twice } => dist::run(*dirty, *twice),
         Task::Api { renew } => api::run(*renew),
-        Task::Size { layers: true, parts, .. } => size::layers(*parts),
-        Task::Size { json, .. } => size::run(*json),
-        Task::Panics { parts, json } => panics::run(*parts, *json),
-        Task::Stack { parts, json } => stack::run(*parts, *json),
+        Task::Size { parts } => size::run(*parts),
+        Task::Panics { parts } => panics::run(*parts),
+        Task::Stack { parts } => stack::run(*parts),
         Task::Flash { parts } => {
             let image = Image::with(*parts, board::NUCLEO)?;
             let mut probe = Command::new("probe-rs");
@@ -267,7 +250,7 @@ fn run(task: &Task) -> Result<(), Failure> {
         Task::Qemu(Twin::Fly { seeds }) => twin::fly(*seeds),
         Task::Qemu(Twin::Bench) => twin::bench(),
         Task::Qemu(Twin::Faults { missions, faults, record, seed }) => twin::faults(*missions, *faults, record, *seed),
-        Task::Bench { json } => bench::run(*json),
+        Task::Bench => bench::run(),
         Task::Parity { flights } => parity::run(*flights),
         Task::Soak { hours } => study::run("soak", &[&hours.to_string()]),
         Task::Gusts { flights, development } => study::write("gusts", *flights, "gusts", *development),

@@ -8,12 +8,10 @@
 
 use std::collections::BTreeMap;
 
-use serde_json::json;
-
 use crate::Failure;
 use crate::board;
 use crate::build::{Image, Parts};
-use crate::panics::{FIELDS, is_panic};
+use crate::panics::{FIELDS, is_meant, is_panic};
 use crate::thumb::Program;
 
 /// Registers with those of the floating point unit, and the word that keeps them aligned (`PushStack`, Armv7-M B1.5.6).
@@ -93,12 +91,11 @@ const INDIRECT: &[(&str, &[&str])] = &[
 ];
 
 /// Builds the image, prints what each level takes and what takes it, and fails where it is too much or not known.
-pub(crate) fn run(parts: Parts, json: bool) -> Result<(), Failure> {
+pub(crate) fn run(parts: Parts) -> Result<(), Failure> {
     let image = Image::with(parts, board::NUCLEO)?;
     let program = Program::read(&image)?;
     let variables = image.size()?.ram_bytes;
     let (mut stack, mut around) = (0, 0);
-    let mut rows = Vec::new();
     for (index, (level, roots)) in LEVELS.into_iter().enumerate() {
         let mut longest = (0, String::new(), Vec::new());
         for root in roots {
@@ -113,40 +110,29 @@ pub(crate) fn run(parts: Parts, json: bool) -> Result<(), Failure> {
         let stacked = if index > 0 { EXCEPTION_BYTES } else { 0 };
         stack += bytes + stacked;
         around += if AROUND_START_UP.contains(&level) { bytes + stacked } else { 0 };
-        if !json {
-            println!("{:>6}  {level} ({root}), {stacked} of them stacked by the processor", bytes + stacked);
-            let mut largest: Vec<_> = way.iter().collect();
-            largest.sort_by_key(|(_, frame)| std::cmp::Reverse(*frame));
-            for (name, frame) in largest.into_iter().take(PRINTED) {
-                println!("          {frame:>6}  {name}");
-            }
-        }
-        let way: Vec<_> = way.into_iter().map(|(name, frame)| json!({"name": name, "bytes": frame})).collect();
-        rows.push(json!({"level": level, "root": root, "bytes": bytes + stacked, "way": way}));
+        println!("{:>6}  {level} ({root}), {stacked} of them stacked by the processor", bytes + stacked);
+        print_largest(way);
     }
     let start = program.named(START_UP).next().ok_or_else(|| Failure(format!("the image has no {START_UP}")))?;
     let mut depths = Depths::new(&program, false, None);
     let start_up = depths.of(start)? + around;
-    let mut start_way = depths.way(start);
-    start_way.sort_by_key(|(_, frame)| std::cmp::Reverse(*frame));
-    if !json {
-        println!("{start_up:>6}  before them: start-up, with what pre-empts it");
-        for (name, frame) in start_way.iter().take(PRINTED) {
-            println!("          {frame:>6}  {name}");
-        }
-    }
+    println!("{start_up:>6}  before them: start-up, with what pre-empts it");
+    print_largest(depths.way(start));
     let stack = stack.max(start_up);
     let sum = u64::from(stack) + variables;
-    if json {
-        let row = json!({"levels": rows, "start_up_bytes": start_up, "stack_bytes": stack, "variables_bytes": variables, "bytes_max": RAM_MAX_BYTES});
-        println!("{row}");
-    } else {
-        println!("{stack:>6}  of stack, and {variables} of variables: {sum} of {RAM_MAX_BYTES}");
-    }
+    println!("{stack:>6}  of stack, and {variables} of variables: {sum} of {RAM_MAX_BYTES}");
     if sum > RAM_MAX_BYTES {
         return Err(Failure(format!("stack and variables take {sum} bytes, {} too many", sum - RAM_MAX_BYTES)));
     }
     Ok(())
+}
+
+/// Prints the largest frames of a path.
+fn print_largest(mut way: Vec<(String, u32)>) {
+    way.sort_by_key(|(_, frame)| std::cmp::Reverse(*frame));
+    for (name, frame) in way.iter().take(PRINTED) {
+        println!("          {frame:>6}  {name}");
+    }
 }
 
 /// The longest paths of calls from functions.
@@ -201,11 +187,11 @@ impl<'a> Depths<'a> {
 
     /// The possible targets of an indirect call.
     fn indirect(&self, caller: &str) -> Result<Vec<u32>, Failure> {
-        let Some((_, names)) = INDIRECT.iter().find(|(name, _)| matches(name, caller)) else {
+        let Some((_, names)) = INDIRECT.iter().find(|(name, _)| is_meant(name, caller)) else {
             return Err(Failure(format!("{caller} calls what a register holds, and nobody says what that may be")));
         };
-        let is_meant = |name: &str| names.iter().any(|pattern| matches(pattern, name));
-        let meant = self.program.functions().filter(|(_, function)| is_meant(&function.name));
+        let may_be = |name: &str| names.iter().any(|pattern| is_meant(pattern, name));
+        let meant = self.program.functions().filter(|(_, function)| may_be(&function.name));
         let meant: Vec<u32> = meant.map(|(address, _)| address).collect();
         let is_mine = |address: &u32| {
             self.program.name(*address) != POLL || self.program.reaches(*address, GUIDANCE) == self.is_guidance
@@ -224,14 +210,6 @@ impl<'a> Depths<'a> {
             next = self.known.get(&at).copied().flatten().and_then(|(_, by)| by);
         }
         way
-    }
-}
-
-/// Whether a name is the pattern, in which one `*` may stand for anything.
-fn matches(pattern: &str, name: &str) -> bool {
-    match pattern.split_once('*') {
-        Some((front, back)) => name.starts_with(front) && name.ends_with(back),
-        None => name == pattern,
     }
 }
 

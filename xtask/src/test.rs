@@ -120,8 +120,8 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     }
 
     for parts in [Parts::default(), Parts::IQ] {
-        stages.run("panics, looked for in the machine code", || crate::panics::run(parts, false))?;
-        stages.run("stack, at most", || crate::stack::run(parts, false))?;
+        stages.run("panics, looked for in the machine code", || crate::panics::run(parts))?;
+        stages.run("stack, at most", || crate::stack::run(parts))?;
     }
     stages.run("tests, xtask", || attend(cargo().args(["test", "--package", "xtask"])))?;
     let python = stages.run("peers", install_peers)?;
@@ -153,7 +153,7 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     stages
         .left_out
         .push("flights beside ArduCopter and PX4 (cargo xtask sitl, docs/sitl.md); their fitted models were flown");
-    stages.run("instructions, counted in QEMU", || crate::bench::run(false))?;
+    stages.run("instructions, counted in QEMU", crate::bench::run)?;
     stages.run("no process or folder is left behind", crate::left::check)
 }
 
