@@ -45,7 +45,7 @@ impl Row {
             Mission { scenario, seed, planner: planner::Config::default(), estimator: Estimator::CrossSpectrum };
         let mut computer = HostComputer::new(&mission.guidance()).unwrap();
         let (mut due_s, mut is_found) = (0.0, false);
-        flight::fly_watched(&mission, &mut computer, None, |moment| {
+        flight::fly(&mission, &mut computer, None, |moment| {
             let time_s = moment.sample.time_s;
             if time_s < due_s {
                 return;

@@ -161,7 +161,7 @@ fn fly(planned: &Flight, blocks: &[Block], age_s: f64, given: &AtomicUsize) -> E
     let at = Cell::new(Horizontal::from_xy(mission.scenario.start));
     let computer = HostComputer::new(&config).unwrap();
     let mut listener = Listener { computer, blocks, at: &at, seed: planned.seed, before_s: 0.0, given };
-    let record = flight::fly_watched(&mission, &mut listener, None, |moment| at.set(moment.sample.position)).unwrap();
+    let record = flight::fly(&mission, &mut listener, None, |moment| at.set(moment.sample.position)).unwrap();
     let whole_m = record.report.path_length_m + mission.scenario.goal_tolerance;
     let (result, time_s) = (record.report.result, record.report.time_s);
     let is_silent = record.report.reason == Outcome::NoSignal.name();

@@ -26,8 +26,6 @@ use foxhound_link::companion::{self, Companion};
 use foxhound_link::signing::Signing;
 use foxhound_papers::AllSystems;
 
-use super::qemu::QemuComputer;
-
 mod record;
 mod store;
 
@@ -344,35 +342,6 @@ impl Computer for HostComputer {
         let plan = &self.finished.as_ref()?.plan;
         let support = &self.state.request().support;
         Some(Considered { known: &self.known, plan, support, workspace: &self.workspace })
-    }
-}
-
-impl Computer for QemuComputer {
-    fn step(
-        &mut self,
-        now: Instant,
-        front_end: FrontEnd<'_, BLOCK>,
-        circles: Option<&[Circle]>,
-        rx: &[u8],
-    ) -> Result<StepReport, ComputerError> {
-        let report = Self::step(self, now, front_end, circles, rx).map_err(|error| ComputerError(error.to_string()))?;
-        Ok(StepReport { output: report.output, plan: report.plan, tx: report.tx })
-    }
-
-    fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
-        Self::see(self, bytes).map_err(|error| ComputerError(error.to_string()))
-    }
-
-    fn turn(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
-        Self::turn(self, bytes).map_err(|error| ComputerError(error.to_string()))
-    }
-
-    fn log_flight(&mut self) {
-        self.keep_port();
-    }
-
-    fn take_flight_log(&mut self) -> Vec<u8> {
-        self.take_port()
     }
 }
 

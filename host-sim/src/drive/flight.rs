@@ -20,7 +20,7 @@ use foxhound_core::landing as core_landing;
 use foxhound_core::mapping::lidar::Mount;
 use foxhound_core::planning::{explore, planner};
 
-use super::computer::Computer;
+use super::computer::{Computer, ComputerError};
 use crate::autopilot::{Autopilot, Start, tlog};
 use crate::scenario::{BearingModel, Scenario, SensorModel, Software, VehicleModel, inside};
 use crate::world::antennas::Antennas;
@@ -35,7 +35,7 @@ pub use super::landing::{Landing, Picture};
 pub use super::rig::TICK_S;
 use super::rig::{Answer, Rig, When};
 use receiver::Receiver;
-pub use record::{Ending, FlightError, Moment, Record, Replan, Report, Sample};
+pub use record::{Ending, Moment, Record, Replan, Report, Sample};
 
 const TICK_US: u64 = 20_000;
 /// Parts of a step after which the hull is checked.
@@ -145,7 +145,7 @@ impl Mission {
     }
 }
 
-/// Flies a mission with a computer; `watch` is called with the time as it passes.
+/// Flies a mission with a computer; `watch` gets every step.
 ///
 /// # Errors
 /// The computer fails. Errors of the log are returned by its [`finish`](tlog::Writer::finish).
@@ -153,21 +153,8 @@ pub fn fly(
     mission: &Mission,
     computer: &mut dyn Computer,
     log: Option<&mut tlog::Writer>,
-    mut watch: impl FnMut(f64),
-) -> Result<Record, FlightError> {
-    fly_watched(mission, computer, log, |moment| watch(moment.sample.time_s))
-}
-
-/// The same; `watch` gets every step.
-///
-/// # Errors
-/// The computer fails. Errors of the log are returned by its [`finish`](tlog::Writer::finish).
-pub fn fly_watched(
-    mission: &Mission,
-    computer: &mut dyn Computer,
-    log: Option<&mut tlog::Writer>,
     watch: impl FnMut(&Moment<'_>),
-) -> Result<Record, FlightError> {
+) -> Result<Record, ComputerError> {
     fly_until(mission, computer, log, &AtomicBool::new(false), watch)
 }
 
@@ -181,7 +168,7 @@ pub fn fly_until(
     mut log: Option<&mut tlog::Writer>,
     stop: &AtomicBool,
     mut watch: impl FnMut(&Moment<'_>),
-) -> Result<Record, FlightError> {
+) -> Result<Record, ComputerError> {
     let scenario = &mission.scenario;
     let world = scenario.peopled(mission.seed);
     let start = Horizontal::from_xy(scenario.start);
@@ -260,7 +247,7 @@ pub fn fly_until(
             watch(&Moment { world: &rig.world, motion, sample: &sample, output, computer, frame, picture });
             clock = Clock::at(computer, tick + 1);
             let step_s = if computer.next_step_s().is_some() { clock.time_s - time_s } else { TICK_S };
-            Ok::<_, FlightError>((Answer { tx: report.tx, step_s }, report.output))
+            Ok::<_, ComputerError>((Answer { tx: report.tx, step_s }, report.output))
         })?;
         trace_hash = output.trace_hash;
         let position_now = horizontal(&rig.vehicle.motion.pose);

@@ -13,9 +13,12 @@
 //! idle time passes in real time (`sleep=on`, the default): with `sleep=off` it would pass at once, and while we
 //! compute the twin would assume that we were gone.
 
-use foxhound_computer::twin::Planned;
-use foxhound_core::guidance::Output;
+use foxhound_core::base::obstacle::Circle;
+use foxhound_core::base::time::Instant;
+use foxhound_core::guidance::FrontEnd;
 use serde::{Deserialize, Serialize};
+
+use super::computer::{BLOCK, Computer, ComputerError, StepReport};
 
 /// What the other systems have, for the test of its refusal.
 #[cfg(test)]
@@ -26,9 +29,6 @@ mod machine;
 
 pub use error::QemuError;
 pub use machine::QemuComputer;
-
-/// Samples of one channel in one frame of the firmware.
-pub const SAMPLES_PER_CHANNEL: usize = 256;
 
 /// The worst values of a firmware.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -53,15 +53,32 @@ impl Worst {
     }
 }
 
-/// The result of one step.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StepReport {
-    /// Output of guidance.
-    pub output: Output,
-    /// MAVLink bytes that the firmware sent in this step.
-    pub tx: Vec<u8>,
-    /// A replan that was finished in this step.
-    pub plan: Option<Planned>,
+impl Computer for QemuComputer {
+    fn step(
+        &mut self,
+        now: Instant,
+        front_end: FrontEnd<'_, BLOCK>,
+        circles: Option<&[Circle]>,
+        rx: &[u8],
+    ) -> Result<StepReport, ComputerError> {
+        Ok(Self::step(self, now, front_end, circles, rx)?)
+    }
+
+    fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
+        Ok(Self::see(self, bytes)?)
+    }
+
+    fn turn(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
+        Ok(Self::turn(self, bytes)?)
+    }
+
+    fn log_flight(&mut self) {
+        self.keep_port();
+    }
+
+    fn take_flight_log(&mut self) -> Vec<u8> {
+        self.take_port()
+    }
 }
 
 #[cfg(test)]

@@ -32,7 +32,7 @@ impl Following {
             Mission { scenario, seed, planner: planner::Config::default(), estimator: Estimator::CrossSpectrum };
         let mut computer = HostComputer::new(&mission.guidance()).unwrap();
         let mut first_s = BTreeMap::new();
-        flight::fly_watched(&mission, &mut computer, None, |moment| {
+        flight::fly(&mission, &mut computer, None, |moment| {
             self.compare(&mission.scenario, moment, &mut first_s);
         })
         .unwrap();

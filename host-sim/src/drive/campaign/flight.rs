@@ -338,20 +338,17 @@ impl Computer for Twin {
         let late_before = self.qemu.late_steps();
         let stepped = self.qemu.step(now, front_end, circles, rx);
         self.late_steps += self.qemu.late_steps() - late_before;
-        match stepped {
-            Ok(report) => Ok(StepReport { output: report.output, plan: report.plan, tx: report.tx }),
-            Err(error) => {
-                let text = error.to_string();
-                match error {
-                    QemuError::Restarted => {
-                        (self.away, self.restarts) = (AWAY_STEPS, self.restarts + 1);
-                        // At once: otherwise it would run freely while we fly on without it.
-                        self.broken = self.qemu.recover(&self.setup).err();
-                    }
-                    error => self.broken = Some(error),
+        stepped.map_err(|error| {
+            let text = error.to_string();
+            match error {
+                QemuError::Restarted => {
+                    (self.away, self.restarts) = (AWAY_STEPS, self.restarts + 1);
+                    // At once: otherwise it would run freely while we fly on without it.
+                    self.broken = self.qemu.recover(&self.setup).err();
                 }
-                Err(ComputerError(text))
+                error => self.broken = Some(error),
             }
-        }
+            ComputerError(text)
+        })
     }
 }

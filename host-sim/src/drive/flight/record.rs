@@ -1,7 +1,5 @@
 //! The record of a flight: its end, its path, its plans.
 
-use std::fmt;
-
 use foxhound_computer::twin::Planned;
 use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::obstacle::Circle;
@@ -10,7 +8,7 @@ use foxhound_core::guidance::mission::Outcome;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::drive::computer::{BLOCK, Computer, ComputerError};
+use crate::drive::computer::{BLOCK, Computer};
 use crate::drive::landing::{Landing, Picture};
 use crate::scenario::Scenario;
 use crate::world::vehicle::Motion;
@@ -138,27 +136,4 @@ pub struct Record {
     pub remembered: Vec<Circle>,
     /// The world, with the paths of people.
     pub world: World,
-}
-
-/// Why a flight was not completed.
-#[derive(Debug)]
-pub enum FlightError {
-    /// The computer failed.
-    Computer(ComputerError),
-}
-
-impl fmt::Display for FlightError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Computer(error) => error.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for FlightError {}
-
-impl From<ComputerError> for FlightError {
-    fn from(error: ComputerError) -> Self {
-        Self::Computer(error)
-    }
 }

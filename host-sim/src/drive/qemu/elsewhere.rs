@@ -9,7 +9,8 @@ use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::FrontEnd;
 
-use super::{QemuError, SAMPLES_PER_CHANNEL, StepReport, Worst};
+use super::{QemuError, Worst};
+use crate::drive::computer::{BLOCK, StepReport};
 
 /// The firmware, running in QEMU: not on this system. It is a reference because the compiler would report all code behind a start
 /// as unreachable.
@@ -37,7 +38,7 @@ impl QemuComputer {
     pub fn step(
         &mut self,
         _: Instant,
-        _: FrontEnd<'_, SAMPLES_PER_CHANNEL>,
+        _: FrontEnd<'_, BLOCK>,
         _: Option<&[Circle]>,
         _: &[u8],
     ) -> Result<StepReport, QemuError> {

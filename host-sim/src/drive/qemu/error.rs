@@ -4,6 +4,8 @@ use std::fmt;
 use std::io;
 use std::path::PathBuf;
 
+use crate::drive::computer::ComputerError;
+
 /// The board's name in the `.foxhound_board` section of a twin's image.
 pub(super) const BOARD: &str = "mps2_an386";
 
@@ -56,6 +58,12 @@ impl fmt::Display for QemuError {
 }
 
 impl std::error::Error for QemuError {}
+
+impl From<QemuError> for ComputerError {
+    fn from(error: QemuError) -> Self {
+        Self(error.to_string())
+    }
+}
 
 impl From<io::Error> for QemuError {
     fn from(error: io::Error) -> Self {

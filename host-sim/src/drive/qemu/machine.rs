@@ -14,8 +14,9 @@ use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::FrontEnd;
 
-use super::super::child::ends_with_us;
-use super::{QemuError, SAMPLES_PER_CHANNEL, StepReport, Worst};
+use super::{QemuError, Worst};
+use crate::drive::child::ends_with_us;
+use crate::drive::computer::{BLOCK, StepReport};
 
 mod folder;
 mod image;
@@ -249,7 +250,7 @@ impl QemuComputer {
     pub fn step(
         &mut self,
         now: Instant,
-        front_end: FrontEnd<'_, SAMPLES_PER_CHANNEL>,
+        front_end: FrontEnd<'_, BLOCK>,
         circles: Option<&[Circle]>,
         rx: &[u8],
     ) -> Result<StepReport, QemuError> {
