@@ -43,13 +43,13 @@ fn main() -> ExitCode {
             Err(error) => refuse(&error),
         };
     }
-    let record = std::fs::read(elf).and_then(|image| Record::open(&arguments.record, &Head::new(&image, *faults)));
-    match record {
+    let image = match std::fs::read(elf) {
+        Ok(image) => image,
+        Err(error) => return refuse(&format_args!("{}: {error}", elf.display())),
+    };
+    match Record::open(&arguments.record, &Head::new(&image, *faults)) {
         Ok(record) => fly_all(&arguments, record),
-        Err(error) => {
-            eprintln!("faults: {} or {}: {error}", elf.display(), arguments.record.display());
-            ExitCode::from(2)
-        }
+        Err(error) => refuse(&error),
     }
 }
 

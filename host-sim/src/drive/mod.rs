@@ -10,6 +10,7 @@
 //! | [`trial`] | the loop step by step, for callers that inject faults |
 //! | [`soak`], [`campaign`] | days of the link, and hundreds of missions, with faults |
 //! | [`companion`] | the loop in real time, with a real or modelled autopilot |
+//! | `lines` | files by which interrupted work goes on |
 //! | [`replay`] | repeats a flight from its log |
 
 pub mod campaign;
@@ -19,6 +20,7 @@ pub mod computer;
 pub mod flight;
 pub mod g474;
 mod landing;
+mod lines;
 pub mod maps;
 pub mod qemu;
 pub mod replay;

@@ -178,3 +178,29 @@ fn line(f: &mut fmt::Formatter<'_>, name: &str, row: &Row) -> fmt::Result {
         safe.join(", "),
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_restart_without_a_word_a_restart_too_few_and_a_touched_pillar_are_complaints() {
+        let good = Row { faults: 1, recovered: 1, restarts: 1, restarts_told: 1, ..Row::default() };
+        assert_eq!(good.complaints(Kind::Panic), [""; 0]);
+        assert_eq!(good.complaints(Kind::LineNoise).len(), 1, "an unwanted restart");
+        let bad = [
+            Row { restarts_told: 0, ..good.clone() },
+            Row { restarts: 0, restarts_told: 0, ..good.clone() },
+            Row { collisions: 1, ..good.clone() },
+            Row { collisions_away: 1, ..good.clone() },
+            Row { recovered: 0, lost: 1, ..good.clone() },
+            Row { outside_limits: 1, ..good.clone() },
+            Row { uninvited: 1, ..good },
+        ];
+        for row in bad {
+            assert_eq!(row.complaints(Kind::Panic).len(), 1, "{row:?}");
+        }
+        let stolen = Row { faults: 1, recovered: 1, ..Row::default() };
+        assert_eq!(stolen.complaints(Kind::StolenProcessor), ["no step was late"]);
+    }
+}

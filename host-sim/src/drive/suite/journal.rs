@@ -1,20 +1,18 @@
 //! The flights that a suite has finished, on disk, so that an interrupted suite can be resumed.
 //!
-//! A file of JSON lines: a [`Header`], then a line for each finished flight, in any order, with its number in the
-//! suite. An incomplete last line was being written when the program was killed; its flight is flown again. The numbers restore the
-//! order of the suite, and JSON keeps every bit of the values: the results are byte for byte those of an uninterrupted suite. The
-//! journal is removed when all results are written.
+//! Finished flights stand in any order, each with its number in the suite. The numbers restore the order of the suite, and JSON keeps
+//! every bit of the values: the results are byte for byte those of an uninterrupted suite. The journal is removed when all results are
+//! written.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
-use std::io::{self, Write as _};
+use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
 use std::time::UNIX_EPOCH;
 
 use serde::{Deserialize, Serialize};
 
 use super::{Flown, shard};
+use crate::drive::lines::Lines;
 use crate::scenario::input::InputError;
 use crate::scenario::output;
 
@@ -71,8 +69,7 @@ pub enum Before {
 /// The journal of a running suite.
 #[derive(Debug)]
 pub struct Journal {
-    path: PathBuf,
-    file: Mutex<File>,
+    lines: Lines,
     flown: BTreeMap<usize, Flown>,
 }
 
@@ -82,17 +79,8 @@ impl Journal {
     /// # Errors
     /// Names the file: it cannot be written, is from another build, or exists and `before` refuses it.
     pub fn open(folder: &Path, header: &Header, before: Before) -> Result<Self, InputError> {
-        let path = header.path(folder);
-        let failed = |error: io::Error| output::failed(&path, &error);
-        fs::create_dir_all(folder).map_err(failed)?;
-        let text = match fs::read(&path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
-            bytes => String::from_utf8_lossy(&bytes.map_err(failed)?).into_owned(),
-        };
-        let (mut whole, mut flown) = (0, BTreeMap::new());
-        if before != Before::Discard {
-            (whole, flown) = read(&text, header).map_err(|error| error.in_file(&path))?;
-        }
+        let (path, foreign) = (header.path(folder), "is of another build of the program; --force begins anew");
+        let (lines, flown) = Lines::open::<_, Line>(&path, header, before == Before::Discard, foreign)?;
         if before == Before::Refuse && !flown.is_empty() {
             let (done, of) = (flown.len(), header.suite.flights);
             let text = format!(
@@ -100,19 +88,13 @@ impl Journal {
             );
             return Err(InputError::new(text).in_file(&path));
         }
-        let file = File::options().append(true).create(true).open(&path).map_err(failed)?;
-        file.set_len(whole as u64).map_err(failed)?;
-        let journal = Self { path: path.clone(), file: Mutex::new(file), flown };
-        if whole == 0 {
-            journal.write(header)?;
-        }
-        Ok(journal)
+        Ok(Self { lines, flown: flown.into_iter().map(|Line { flight, flown }| (flight, flown)).collect() })
     }
 
     /// Its path.
     #[must_use]
     pub fn path(&self) -> &Path {
-        &self.path
+        self.lines.path()
     }
 
     /// The flights that were finished before it was opened.
@@ -126,14 +108,7 @@ impl Journal {
     /// # Errors
     /// Names the file; the flight is not on disk.
     pub fn add(&self, flight: usize, flown: &Flown) -> Result<(), InputError> {
-        self.write(&Line { flight, flown: flown.clone() })
-    }
-
-    fn write(&self, line: &impl Serialize) -> Result<(), InputError> {
-        let mut text = serde_json::to_string(line).map_err(|error| InputError::new(error.to_string()))?;
-        text.push('\n');
-        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        file.write_all(text.as_bytes()).map_err(|error| output::failed(&self.path, &error))
+        self.lines.add(&Line { flight, flown: flown.clone() })
     }
 
     /// Removes the journal, when its flights are in the results.
@@ -141,29 +116,8 @@ impl Journal {
     /// # Errors
     /// Names the file.
     pub fn remove(self) -> Result<(), InputError> {
-        fs::remove_file(&self.path).map_err(|error| output::failed(&self.path, &error))
+        fs::remove_file(self.path()).map_err(|error| output::failed(self.path(), &error))
     }
-}
-
-/// The number of complete bytes of a journal, and the flights in them.
-fn read(text: &str, header: &Header) -> Result<(usize, BTreeMap<usize, Flown>), InputError> {
-    let mut flown = BTreeMap::new();
-    let mut whole = 0;
-    for line in text.split_inclusive('\n').take_while(|line| line.ends_with('\n')) {
-        if whole == 0 {
-            match serde_json::from_str::<Header>(line) {
-                Ok(found) if found == *header => {}
-                Ok(_) => return Err(InputError::new("is of another build of the program; --force begins anew")),
-                // The system stopped before the header was on disk.
-                Err(_) => break,
-            }
-        } else {
-            let Ok(Line { flight, flown: one }) = serde_json::from_str(line) else { break };
-            flown.insert(flight, one);
-        }
-        whole += line.len();
-    }
-    Ok((whole, flown))
 }
 
 #[cfg(test)]
@@ -196,24 +150,13 @@ mod tests {
     }
 
     #[test]
-    fn a_journal_cut_at_any_byte_gives_back_whole_flights_and_goes_on() {
+    fn what_was_flown_is_given_back_and_neither_another_build_nor_a_fresh_start_takes_it() {
         let folder = std::env::temp_dir().join(format!("foxhound-journal-{}", std::process::id()));
         let journal = Journal::open(&folder, &header(), Before::Refuse).unwrap();
-        let path = journal.path().to_owned();
-        for flight in [3, 0, 2] {
-            journal.add(flight, &flown(flight as u32)).unwrap();
-        }
-        let bytes = fs::read(&path).unwrap();
-        for end in 0..=bytes.len() {
-            fs::write(&path, &bytes[..end]).unwrap();
-            let journal = Journal::open(&folder, &header(), Before::Resume).unwrap();
-            let lines = bytes[..end].iter().filter(|byte| **byte == b'\n').count();
-            assert_eq!(journal.flown().len(), lines.saturating_sub(1));
-            assert!(journal.flown().iter().all(|(flight, one)| *one == flown(*flight as u32)));
-            journal.add(8, &flown(8)).unwrap();
-            let again = Journal::open(&folder, &header(), Before::Resume).unwrap();
-            assert_eq!(again.flown().len(), journal.flown().len() + 1);
-        }
+        let flights = [3, 0, 2, 8];
+        flights.iter().for_each(|flight| journal.add(*flight, &flown(*flight as u32)).unwrap());
+        let expected: BTreeMap<_, _> = flights.iter().map(|flight| (*flight, flown(*flight as u32))).collect();
+        assert_eq!(Journal::open(&folder, &header(), Before::Resume).unwrap().flown(), &expected);
         let refused = Journal::open(&folder, &header(), Before::Refuse).unwrap_err().to_string();
         assert!(refused.contains("4 flights of a suite of 9") && refused.contains("--resume"), "{refused}");
         let other = Header { program: "theirs".to_owned(), ..header() };

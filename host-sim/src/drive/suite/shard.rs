@@ -16,6 +16,7 @@ use foxhound_core::planning::planner;
 use serde::{Deserialize, Serialize};
 
 use super::{Flown, Selection, Suite};
+use crate::drive::lines::hash;
 use crate::scenario::input::InputError;
 
 /// Largest number of parts of a suite.
@@ -107,11 +108,7 @@ pub fn fingerprint(
     let Selection { only, pairs, shard: _ } = selection;
     let release = env!("CARGO_PKG_VERSION");
     let text = format!("{release} {suite} {only:?} {pairs:?} {seed} {planner:?} {estimator:?}");
-    // FNV-1a, which does not change with the compiler.
-    let hash = text
-        .bytes()
-        .fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3));
-    Ok(format!("{hash:016x}"))
+    Ok(hash(text.as_bytes()))
 }
 
 /// A part that was flown.
