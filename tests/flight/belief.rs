@@ -51,7 +51,8 @@ impl Row {
                 return;
             }
             due_s = time_s + EVERY_S;
-            let known = moment.computer.believed().filter(|known| known.range_sigma_ratio < RANGE_KNOWN);
+            let known = moment.computer.inside().and_then(|one| one.state().belief().direct());
+            let known = known.filter(|known| known.range_sigma_ratio < RANGE_KNOWN);
             if let Some((known, (_, nis))) = known.zip(moment.output.source_share_and_nis) {
                 let (nees, error_m) = normalised(&known, north_m, east_m);
                 self.nees.push(nees);

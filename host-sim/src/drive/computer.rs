@@ -11,16 +11,13 @@ use foxhound_computer::selftest::{self, Report};
 use foxhound_computer::sensor::{self, Sensor};
 use foxhound_computer::twin::Planned;
 use foxhound_core::ConfigError;
-use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::{Circle, Disc};
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::calibration::record::Calibration;
 use foxhound_core::guidance::param::Values;
 use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Output};
-use foxhound_core::localize::source::Estimate;
 use foxhound_core::localize::source::support::Support;
-use foxhound_core::mapping::tracks::Track;
 use foxhound_core::planning::planner::{Answer, Plan, Workspace};
 use foxhound_link::companion::{self, Companion};
 use foxhound_link::signing::Signing;
@@ -128,28 +125,8 @@ pub trait Computer {
         None
     }
 
-    /// The circles of its obstacle map, if its state can be read.
-    fn remembered(&self) -> Vec<Circle> {
-        Vec::new()
-    }
-
-    /// Where it believes the source, received directly, if its state can be read.
-    fn believed(&self) -> Option<Estimate> {
-        None
-    }
-
-    /// The objects that it tracks, if its state can be read.
-    fn followed(&self) -> Vec<Track> {
-        Vec::new()
-    }
-
-    /// The velocity with which it gives way to moving obstacles, if it does and its state can be read.
-    fn evasion(&self) -> Option<Horizontal> {
-        None
-    }
-
-    /// The input and samples of the plan of the last step, if there is one and its state can be read.
-    fn considered(&self) -> Option<Considered<'_>> {
+    /// The computer in this process whose state is this one's, if it can be read.
+    fn inside(&self) -> Option<&HostComputer> {
         None
     }
 }
@@ -219,6 +196,20 @@ impl HostComputer {
     #[must_use]
     pub const fn config(&self) -> &guidance::Config {
         &self.config
+    }
+
+    /// The state of guidance: its map, tracks and belief.
+    #[must_use]
+    pub const fn state(&self) -> &guidance::State<BLOCK> {
+        &self.state
+    }
+
+    /// The input and samples of the plan of the last step, if there is one.
+    #[must_use]
+    pub fn considered(&self) -> Option<Considered<'_>> {
+        let plan = &self.finished.as_ref()?.plan;
+        let support = &self.state.request().support;
+        Some(Considered { known: &self.known, plan, support, workspace: &self.workspace })
     }
 
     /// The result of the last test of the receiver.
@@ -322,26 +313,8 @@ impl Computer for HostComputer {
         self.companion.notify_text(text)
     }
 
-    fn remembered(&self) -> Vec<Circle> {
-        self.state.map().circles().collect()
-    }
-
-    fn believed(&self) -> Option<Estimate> {
-        self.state.belief().direct()
-    }
-
-    fn followed(&self) -> Vec<Track> {
-        self.state.tracks().all().to_vec()
-    }
-
-    fn evasion(&self) -> Option<Horizontal> {
-        self.state.evasion_ned_mps()
-    }
-
-    fn considered(&self) -> Option<Considered<'_>> {
-        let plan = &self.finished.as_ref()?.plan;
-        let support = &self.state.request().support;
-        Some(Considered { known: &self.known, plan, support, workspace: &self.workspace })
+    fn inside(&self) -> Option<&HostComputer> {
+        Some(self)
     }
 }
 
@@ -421,6 +394,6 @@ mod tests {
         assert!(!outcomes[100..].contains(&Outcome::StaleObstacles), "beams are obstacle data");
         assert!(fastest_mps > 0.4, "it flies: {fastest_mps}");
         assert!(northmost_m > 2.0 && northmost_m < WALL_NORTH_M - 0.15, "{northmost_m}");
-        assert!(computer.remembered().len() > 3);
+        assert!(computer.state().map().circles().count() > 3);
     }
 }

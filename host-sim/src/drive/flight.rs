@@ -303,7 +303,7 @@ pub fn fly_until(
         expect: scenario.expect.clone(),
         reference_length_m: scenario.reference_length_m.clone(),
     };
-    let remembered = computer.remembered();
+    let remembered = computer.inside().map_or_else(Vec::new, |one| one.state().map().circles().collect());
     Ok(Record { scenario: scenario.clone(), report, path, replans, remembered, world: rig.world })
 }
 

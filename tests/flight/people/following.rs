@@ -40,7 +40,7 @@ impl Following {
 
     fn compare(&mut self, scenario: &Scenario, moment: &Moment<'_>, first_s: &mut BTreeMap<usize, f64>) {
         let time_s = moment.sample.time_s;
-        let tracks = moment.computer.followed();
+        let tracks = moment.computer.inside().map_or(&[][..], |one| one.state().tracks().all());
         let mut is_somebody = vec![false; tracks.len()];
         for (index, person) in scenario.obstacles.iter().enumerate() {
             let [east_m, north_m] = [person.x + person.vx * time_s, person.y + person.vy * time_s];

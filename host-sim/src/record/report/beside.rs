@@ -1,13 +1,11 @@
 //! Pairs a computer whose state is not accessible with one in this process, which gets the same input and gives the
 //! same result.
 
-use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::FrontEnd;
-use foxhound_core::mapping::tracks::Track;
 
-use crate::drive::computer::{BLOCK, Computer, ComputerError, Considered, HostComputer, StepReport};
+use crate::drive::computer::{BLOCK, Computer, ComputerError, HostComputer, StepReport};
 
 /// A firmware image in QEMU flies; the computer in this process repeats every step, only for the report.
 #[derive(Debug)]
@@ -59,19 +57,7 @@ impl<C: Computer> Computer for Beside<C> {
         self.flies.take_flight_log()
     }
 
-    fn remembered(&self) -> Vec<Circle> {
-        self.looked_into.remembered()
-    }
-
-    fn followed(&self) -> Vec<Track> {
-        self.looked_into.followed()
-    }
-
-    fn evasion(&self) -> Option<Horizontal> {
-        self.looked_into.evasion()
-    }
-
-    fn considered(&self) -> Option<Considered<'_>> {
-        self.looked_into.considered()
+    fn inside(&self) -> Option<&HostComputer> {
+        Some(&self.looked_into)
     }
 }

@@ -18,7 +18,7 @@ use super::record::{
     Step, Track, Tracks, VERSION, circles, core_xy, degrees, finite, flags, guard, guard_reason, milli, rounded, xy,
 };
 use super::signal::{self, Signals};
-use crate::drive::computer::Considered;
+use crate::drive::computer::{Considered, HostComputer};
 use crate::drive::flight::{Mission, Moment, Report, TICK_S};
 use crate::world::{Horizontal, Pillar};
 
@@ -92,7 +92,8 @@ impl Recorder {
             self.records.push(Record::Signal(self.signals.signal(time_s, frame)));
         }
         if self.steps.is_multiple_of(REMEMBERED_STEPS) {
-            let circles_m = circles(moment.computer.remembered().into_iter().map(Disc::from));
+            let inside = moment.computer.inside();
+            let circles_m = circles(inside.into_iter().flat_map(|one| one.state().map().circles()).map(Disc::from));
             if circles_m != self.remembered {
                 self.remembered.clone_from(&circles_m);
                 self.records.push(Record::Remembered(Remembered { time_s, circles_m }));
@@ -104,7 +105,7 @@ impl Recorder {
         if let Some(shown) = moment.picture {
             self.records.extend(self.pictures.picture(time_s, shown).map(Record::Picture));
         }
-        if let Some(considered) = moment.computer.considered() {
+        if let Some(considered) = moment.computer.inside().and_then(HostComputer::considered) {
             let drawn = Some((considered.workspace.gains, considered.workspace.samples));
             let draws = drawn != self.drawn;
             self.drawn = drawn;
@@ -126,7 +127,8 @@ impl Recorder {
             self.people.clone_from(&circles_m);
             self.records.push(Record::People(People { time_s, circles_m }));
         }
-        let tracks: Vec<Track> = moment.computer.followed().iter().filter(|body| body.moves()).map(track).collect();
+        let known = moment.computer.inside().into_iter().flat_map(|one| one.state().tracks().all());
+        let tracks: Vec<Track> = known.filter(|body| body.moves()).map(track).collect();
         if tracks != self.tracks || self.steps == 0 {
             self.tracks.clone_from(&tracks);
             self.records.push(Record::Tracks(Tracks { time_s, tracks }));
@@ -206,7 +208,7 @@ fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
         setpoint_mps: core_xy(output.setpoint.velocity_ned_mps.horizontal()),
         setpoint_climb_mps: milli(-f64::from(output.setpoint.velocity_ned_mps.down)),
         yaw_rate_degps: degrees(f64::from(output.setpoint.yaw_rate_radps)),
-        evasion_mps: computer.evasion().map(core_xy),
+        evasion_mps: computer.inside().and_then(|one| one.state().evasion_ned_mps()).map(core_xy),
         outcome: output.outcome.name(),
         guard: guard(output.guard),
         guard_reason: None,
