@@ -36,6 +36,9 @@ pub fn pad(case: &[u8]) -> Reached {
         let mut line = vec![0; usize::from(width_px) * bytes_px];
         let disc = [draw.unit() * 96.0, draw.unit() * 72.0, draw.unit() * 60.0];
         let (red, ground) = (draw.word() as u16, draw.word() as u16);
+        // Half of all colours are those of a pad on stone.
+        let [pad, stone] = [(red, 0xa0c3), (ground, 0x7bef)]
+            .map(|(colour, usual)| if colour.is_multiple_of(2) { usual } else { colour });
         let mut noise = Noise(u64::from(draw.word()));
         let (speck, mischief) = (draw.byte() as u64 & 63, draw.below(4));
         for row in 0..height_px.min(400) {
@@ -45,20 +48,8 @@ pub fn pad(case: &[u8]) -> Reached {
                 let random = noise.next();
                 let value = match (random >> 8 & 255) < speck {
                     true => random as u16,
-                    false if is_in => {
-                        if draw_is_red(red) {
-                            0xa0c3
-                        } else {
-                            red
-                        }
-                    }
-                    false => {
-                        if draw_is_red(ground) {
-                            0x7bef
-                        } else {
-                            ground
-                        }
-                    }
+                    false if is_in => pad,
+                    false => stone,
                 };
                 pixel.copy_from_slice(&value.to_le_bytes()[..bytes_px]);
             }
@@ -83,9 +74,4 @@ pub fn pad(case: &[u8]) -> Reached {
         }
     }
     reached
-}
-
-/// Half of all colours are those of a pad on stone.
-fn draw_is_red(colour: u16) -> bool {
-    colour.is_multiple_of(2)
 }

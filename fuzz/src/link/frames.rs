@@ -90,12 +90,10 @@ impl Peer {
         self.boot_ms = self.boot_ms.wrapping_add(gap_ms);
         let time_boot_ms = self.boot_ms;
         match draw.below(8) {
-            0 => self.say(
-                &GPS_GLOBAL_ORIGIN_DATA { latitude: i32::from(draw.below(2)), ..GPS_GLOBAL_ORIGIN_DATA::DEFAULT },
-                now,
-                draw,
-                buffer,
-            ),
+            0 => {
+                let latitude = i32::from(draw.below(2));
+                self.say(&GPS_GLOBAL_ORIGIN_DATA { latitude, ..GPS_GLOBAL_ORIGIN_DATA::DEFAULT }, now, draw, buffer)
+            }
             1 => self.say(&ODOMETRY_DATA { reset_counter: draw.below(2), ..ODOMETRY_DATA::DEFAULT }, now, draw, buffer),
             2..5 => {
                 self.yaw_rad += if draw.below(8) == 0 { draw.any(-3.0, 3.0) } else { 0.01 };
@@ -107,12 +105,8 @@ impl Peer {
                 self.north_m += if draw.below(8) == 0 { draw.any(-50.0, 50.0) } else { 0.02 };
                 self.north_m = if self.north_m.abs() < 1e6 { self.north_m } else { 0.0 };
                 let x = self.north_m;
-                self.say(
-                    &LOCAL_POSITION_NED_DATA { time_boot_ms, x, vx: 1.0, ..LOCAL_POSITION_NED_DATA::DEFAULT },
-                    now,
-                    draw,
-                    buffer,
-                )
+                let place = LOCAL_POSITION_NED_DATA { time_boot_ms, x, vx: 1.0, ..LOCAL_POSITION_NED_DATA::DEFAULT };
+                self.say(&place, now, draw, buffer)
             }
         }
     }
@@ -120,95 +114,60 @@ impl Peer {
     /// Battery, fence, transmitter and estimator.
     pub(super) fn health(&mut self, now: Instant, draw: &mut Draw<'_>, buffer: &mut [u8; FRAME_MAX]) -> usize {
         match draw.below(4) {
-            0 => self.say(
-                &BATTERY_STATUS_DATA {
-                    id: draw.below(6),
-                    charge_state: draw.below(8),
-                    battery_remaining: draw.byte() as i8,
-                    ..BATTERY_STATUS_DATA::DEFAULT
-                },
-                now,
-                draw,
-                buffer,
-            ),
-            1 => self.say(
-                &FENCE_STATUS_DATA { breach_status: draw.below(2), ..FENCE_STATUS_DATA::DEFAULT },
-                now,
-                draw,
-                buffer,
-            ),
+            0 => {
+                let (id, charge_state, battery_remaining) = (draw.below(6), draw.below(8), draw.byte() as i8);
+                let usual = BATTERY_STATUS_DATA::DEFAULT;
+                let battery = BATTERY_STATUS_DATA { id, charge_state, battery_remaining, ..usual };
+                self.say(&battery, now, draw, buffer)
+            }
+            1 => {
+                let breach_status = draw.below(2);
+                self.say(&FENCE_STATUS_DATA { breach_status, ..FENCE_STATUS_DATA::DEFAULT }, now, draw, buffer)
+            }
             2 => {
                 let pulse = 900 + 5 * u16::from(draw.byte());
-                self.say(
-                    &RC_CHANNELS_DATA {
-                        chancount: draw.below(20),
-                        chan1_raw: pulse,
-                        chan2_raw: pulse,
-                        chan7_raw: pulse,
-                        chan18_raw: pulse,
-                        ..RC_CHANNELS_DATA::DEFAULT
-                    },
-                    now,
-                    draw,
-                    buffer,
-                )
+                let channels = RC_CHANNELS_DATA {
+                    chancount: draw.below(20),
+                    chan1_raw: pulse,
+                    chan2_raw: pulse,
+                    chan7_raw: pulse,
+                    chan18_raw: pulse,
+                    ..RC_CHANNELS_DATA::DEFAULT
+                };
+                self.say(&channels, now, draw, buffer)
             }
-            _ => self.say(
-                &EKF_STATUS_REPORT_DATA {
-                    flags: if draw.flag() { 0x33F } else { u16::from(draw.byte()) },
-                    ..EKF_STATUS_REPORT_DATA::DEFAULT
-                },
-                now,
-                draw,
-                buffer,
-            ),
+            _ => {
+                let flags = if draw.flag() { 0x33F } else { u16::from(draw.byte()) };
+                self.say(&EKF_STATUS_REPORT_DATA { flags, ..EKF_STATUS_REPORT_DATA::DEFAULT }, now, draw, buffer)
+            }
         }
     }
 
     /// A command for us, or a key.
     pub(super) fn order(&mut self, now: Instant, draw: &mut Draw<'_>, buffer: &mut [u8; FRAME_MAX]) -> usize {
+        let (target_system, target_component) = (1, 191);
         if draw.below(8) == 0 {
-            return self.say(
-                &SETUP_SIGNING_DATA {
-                    initial_timestamp: u64::from(draw.word()),
-                    target_system: 1,
-                    target_component: 191,
-                    secret_key: [draw.below(3); 32],
-                },
-                now,
-                draw,
-                buffer,
-            );
+            let (initial_timestamp, secret_key) = (u64::from(draw.word()), [draw.below(3); 32]);
+            let setup = SETUP_SIGNING_DATA { initial_timestamp, target_system, target_component, secret_key };
+            return self.say(&setup, now, draw, buffer);
         }
-        self.say(
-            &COMMAND_LONG_DATA {
-                target_system: 1,
-                target_component: 191,
-                command: ORDERS[usize::from(draw.below(4))],
-                param1: f32::from(draw.below(4)),
-                ..COMMAND_LONG_DATA::DEFAULT
-            },
-            now,
-            draw,
-            buffer,
-        )
+        let (command, param1) = (ORDERS[usize::from(draw.below(4))], f32::from(draw.below(4)));
+        let usual = COMMAND_LONG_DATA::DEFAULT;
+        let order = COMMAND_LONG_DATA { target_system, target_component, command, param1, ..usual };
+        self.say(&order, now, draw, buffer)
     }
 
     /// A parameter is set.
     pub(super) fn parameter(&mut self, now: Instant, draw: &mut Draw<'_>, buffer: &mut [u8; FRAME_MAX]) -> usize {
         let (id, param_value) = setting(draw);
-        self.say(
-            &PARAM_SET_DATA {
-                param_value,
-                target_system: 1,
-                target_component: if draw.flag() { 191 } else { draw.byte() },
-                param_id: foxhound_link::CharArray::new(*id.padded_name()),
-                param_type: if draw.below(8) == 0 { draw.byte() } else { REAL32 },
-            },
-            now,
-            draw,
-            buffer,
-        )
+        let set = PARAM_SET_DATA {
+            param_value,
+            target_system: 1,
+            target_component: if draw.flag() { 191 } else { draw.byte() },
+            param_id: foxhound_link::CharArray::new(*id.padded_name()),
+            param_type: if draw.below(8) == 0 { draw.byte() } else { REAL32 },
+        };
+        self.say(&set, now, draw, buffer)
     }
 
     /// What was said last, once more.
