@@ -59,9 +59,6 @@ const PAIR_MIN_RAD: f32 = 1e-3;
 
 /// What an estimator of the paper arrived at. Azimuths are from the nose, clockwise positive, (-pi, pi].
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Outcome {
     /// A direction; with its range where the directions of several pairs cross (eq. 17).
     Solved {

@@ -42,7 +42,6 @@ use foxhound_core::planning::planner::baseline::{Kind, Law};
 
 /// A potential field.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Field {
     /// Its law of repulsion.
     pub law: Law,

@@ -26,7 +26,6 @@ use foxhound_core::localize::source::covariance::keep_positive;
 
 /// Configuration of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
     /// Range assumed with the first bearing, without [`Filter::begin`].
     pub range_m: f32,

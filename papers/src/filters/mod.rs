@@ -4,12 +4,10 @@
 //!
 //! - [`cartesian`] and [`reflected::literal`]: the paper's filters, as printed.
 //! - [`reflected`]: the polar filter behind walls, known or uncertain, one or several.
-//! - [`consistency`]: whether a filter's errors match its covariance.
 
 use foxhound_core::localize::source::{Estimate, Sighting, Update};
 
 mod kalman;
 
 pub mod cartesian;
-pub mod consistency;
 pub mod reflected;

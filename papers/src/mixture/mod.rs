@@ -19,7 +19,6 @@ use bayes::{Mixture, Prior};
 
 /// Configuration of walls, and of their points.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
     /// Definition of a wall.
     pub walls: walls::Config,

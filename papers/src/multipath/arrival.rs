@@ -12,7 +12,6 @@ const SIGMA_USELESS_RAD: f32 = 0.6;
 
 /// The weaker of two paths.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Reflection {
     /// Its direction from north, (-pi, pi].
     pub azimuth_ned_rad: f32,
@@ -22,7 +21,6 @@ pub struct Reflection {
 
 /// The result of several looks.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Arrival {
     /// The stronger path, as seen from the last look, in the body frame. `quality.closure_chi2` is the mean residual
     /// of a look over its variance: near 1 if the model is right, thousands if not. Signal-to-noise ratio and

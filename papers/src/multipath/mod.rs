@@ -78,9 +78,6 @@ const NOISE_FLOOR: f32 = 1e-7;
 
 /// How the directions were found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Method {
     /// Forward-backward MUSIC, then the fit. With a changing yaw, `Projection` replaces it.
     #[default]
@@ -95,7 +92,6 @@ pub enum Method {
 
 /// Configuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
 pub struct Config {
     /// No result with fewer looks, 2..=8.
     pub looks_min: u8,
@@ -177,7 +173,6 @@ pub struct Frame<'a> {
 
 /// Whether a look was used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Taken {
     /// It is among the looks.
     Yes,

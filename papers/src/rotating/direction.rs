@@ -37,7 +37,6 @@ const SHARE_MAX: f32 = 1.0 / 3.0;
 
 /// Configuration of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
     /// Rate of outliers.
     pub outlier_rate: f32,
@@ -97,7 +96,6 @@ impl Default for Weights {
 
 /// The estimate of the direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Estimate {
     /// Circular mean, from north, clockwise, (-pi, pi].
     pub bearing_ned_rad: f32,

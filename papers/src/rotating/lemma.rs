@@ -58,7 +58,6 @@ impl Bound {
 
 /// Why a lemma does not apply.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Silent {
     /// `E[cos n] > 0` is false: on average the noise turns the vehicle around.
     NoiseTurnsAround,

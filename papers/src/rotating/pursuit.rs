@@ -26,7 +26,6 @@ const FAST: f32 = 0.5;
 
 /// Configuration of the pursuit.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
     /// The filter without a position.
     pub direction: direction::Config,
@@ -86,7 +85,6 @@ impl<const S: usize> State<S> {
 
 /// The direction to fly in.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Course {
     /// From north, clockwise, (-pi, pi].
     pub bearing_ned_rad: f32,

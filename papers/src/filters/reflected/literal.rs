@@ -15,7 +15,6 @@ use foxhound_core::localize::source::covariance::keep_positive;
 
 /// Configuration of the filters.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
     /// Smallest sigma assumed for a sighting.
     pub sigma_floor_rad: f32,

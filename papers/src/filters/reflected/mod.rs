@@ -21,8 +21,6 @@ pub use unknown::Unknown;
 
 /// Degenerate geometry of a reflection. The filter is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Degenerate {
     /// The line runs along the paper's y axis: its slope is infinite. The literal filters cannot have it.
     Vertical,

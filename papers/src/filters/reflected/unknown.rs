@@ -33,7 +33,6 @@ const BEARING_SIGMA_MAX_RAD: f32 = 1.813_8;
 
 /// Configuration of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
     /// Nearest and farthest valid image.
     pub range_min_m: f32,

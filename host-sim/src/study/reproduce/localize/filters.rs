@@ -22,19 +22,22 @@
 
 use std::fmt::Write as _;
 
-use foxhound_papers::filters::consistency::{Consistency, Verdict};
 use serde::Serialize;
 
 use crate::scenario::input::InputError;
 
+mod consistency;
 mod picture;
 mod scene;
 mod stage;
 mod trial;
 
+use consistency::Consistency;
 use scene::{draw_fig_2, draw_leg, draw_prior, draw_slanted, draw_vertical};
 use stage::Stage;
 use trial::{Gathered, SIGHTINGS};
+
+pub use consistency::Verdict;
 
 /// Runs of each experiment.
 pub const RUNS: usize = 200;

@@ -5,8 +5,8 @@ use std::f64::consts::{PI, TAU};
 use foxhound_core::localize::source::polar::State;
 use foxhound_core::localize::source::{Sighting, Update};
 use foxhound_core::mapping::walls;
-use foxhound_papers::filters::consistency::Consistency;
 
+use super::consistency::Consistency;
 use crate::world::random::Random;
 use crate::world::{Horizontal, wrap_pi};
 

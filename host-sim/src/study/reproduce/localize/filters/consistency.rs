@@ -11,6 +11,7 @@
 //! A consistent filter's NIS are independent over time; its NEES are so from run to run only.
 
 use foxhound_core::base::math::sqrt;
+use serde::Serialize;
 
 /// Two-sided 95 % of a normal distribution.
 const Z_95: f32 = 1.959_964;
@@ -21,19 +22,15 @@ const DOF_MAX: u32 = 1_000_000;
 
 /// Collected normalised squares.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Consistency {
+pub(super) struct Consistency {
     sum: f32,
     count: u32,
     dof: u32,
 }
 
 /// The verdict of the mean.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// Within the band.
     Consistent,
@@ -46,14 +43,8 @@ pub enum Verdict {
 }
 
 impl Consistency {
-    /// Nothing gathered.
-    #[must_use]
-    pub const fn new() -> Self {
-        Self { sum: 0.0, count: 0, dof: 0 }
-    }
-
     /// Adds a normalised square of `dof` degrees of freedom; one that is NaN, or one too many, is ignored.
-    pub fn add(&mut self, square: f32, dof: u32) {
+    pub(super) fn add(&mut self, square: f32, dof: u32) {
         if (0.0..1e12).contains(&square) && dof > 0 && dof <= DOF_MAX - self.dof {
             self.sum += square;
             self.count += 1;
@@ -62,14 +53,12 @@ impl Consistency {
     }
 
     /// Their mean; zero without any.
-    #[must_use]
-    pub fn mean(&self) -> f32 {
+    pub(super) fn mean(&self) -> f32 {
         if self.count == 0 { 0.0 } else { self.sum / self.count as f32 }
     }
 
     /// The band of 95 % of such means for a consistent filter; zeros without any.
-    #[must_use]
-    pub fn band(&self) -> [f32; 2] {
+    pub(super) fn band(&self) -> [f32; 2] {
         if self.count == 0 {
             return [0.0; 2];
         }
@@ -83,8 +72,7 @@ impl Consistency {
     }
 
     /// The verdict of the mean.
-    #[must_use]
-    pub fn verdict(&self) -> Verdict {
+    pub(super) fn verdict(&self) -> Verdict {
         let ([low, high], mean) = (self.band(), self.mean());
         if self.dof < DOF_MIN {
             Verdict::TooFew
@@ -107,7 +95,7 @@ mod tests {
     fn the_band_is_that_of_the_tables() {
         // Quantiles 2.5 % and 97.5 % of the chi-square distribution.
         for (dof, table) in [(10, [3.247, 20.483]), (30, [16.791, 46.979]), (100, [74.222, 129.561])] {
-            let mut one = Consistency::new();
+            let mut one = Consistency::default();
             one.add(1.0, dof);
             for (bound, table) in one.band().into_iter().zip(table) {
                 assert!((bound / table - 1.0_f32).abs() < 1e-2, "{dof}: {bound} {table}");
@@ -121,7 +109,7 @@ mod tests {
         let mut verdicts = |scale: f32| {
             let mut counts = [0; 3];
             for _ in 0..1000 {
-                let mut gathered = Consistency::new();
+                let mut gathered = Consistency::default();
                 for _ in 0..2000 {
                     let error = scale * rng.gaussian();
                     gathered.add(error * error, 1);
@@ -144,7 +132,7 @@ mod tests {
 
     #[test]
     fn what_is_no_square_and_what_is_too_little_is_said() {
-        let mut gathered = Consistency::new();
+        let mut gathered = Consistency::default();
         for bad in [f32::NAN, f32::INFINITY, -1.0] {
             gathered.add(bad, 1);
         }
