@@ -182,7 +182,8 @@ fn alone(draw: &mut Draw<'_>) -> Reached {
     };
     let (Ok(filter), Ok(direct)) = (polar_config(draw).build(), direct.build()) else { return reached };
     reached.configured = true;
-    let (mut resting, mut moving, mut flat) = (polar::Resting::new(), polar::Moving::new(), cartesian::State::new());
+    let (mut resting, mut moving, mut flat) =
+        (polar::Resting::new(), polar::Moving::new(), cartesian::State::default());
     let mut stream = Stream::new(draw);
     if draw.flag() {
         direct.begin(&mut flat, stream.here, place(draw), draw.any(0.0, 10.0));
@@ -251,7 +252,7 @@ fn behind_walls(draw: &mut Draw<'_>) -> Reached {
         },
         slope_intercept_sigma: [draw.any(0.0, 1.0), draw.any(0.0, 10.0)],
     };
-    let mut literals = [literal::State::new(); 2];
+    let mut literals = [literal::State::default(); 2];
     let _ = printed.begin_known(&mut literals[0], &guess);
     let _ = printed.begin_unknown(&mut literals[1], &guess);
     let guess = unknown::Guess {
@@ -262,7 +263,7 @@ fn behind_walls(draw: &mut Draw<'_>) -> Reached {
         angle_sigma_rad: draw.any(0.0, 3.0),
         offset_sigma_m: draw.any(0.0, 10.0),
     };
-    let mut image = unknown::State::new();
+    let mut image = unknown::State::default();
     let _ = guessed.begin(&mut image, &guess);
     // Of which the vehicle hears the mirror image.
     if draw.flag() && wall.offset_m.abs() < 1e5 {

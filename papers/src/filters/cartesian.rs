@@ -58,19 +58,13 @@ impl Config {
     }
 }
 
-impl Default for Config {
-    fn default() -> Self {
-        Self::DEFAULT
-    }
-}
-
 /// The configured filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Filter {
     config: Config,
 }
 
-/// State of the filter.
+/// State of the filter; by default it has not begun.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// `p`, x east and y north.
@@ -81,12 +75,6 @@ pub struct State {
 }
 
 impl State {
-    /// Before the first sighting.
-    #[must_use]
-    pub const fn new() -> Self {
-        Self { x: [0.0; 2], p: [[0.0; 2]; 2], place_ned_m: Horizontal { north: 0.0, east: 0.0 }, started: false }
-    }
-
     /// The estimate, as of the last sighting; `None` before the first.
     #[must_use]
     pub fn estimate(&self) -> Option<Estimate> {
@@ -135,7 +123,7 @@ impl Filter {
         state.p[1][1] += walk;
 
         let Some(predicted) = predict(state.x, config.range_min_m) else {
-            *state = State::new();
+            *state = State::default();
             return Update::Overhead;
         };
         let z = [-direction.east, -direction.north];

@@ -91,7 +91,7 @@ fn filters(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
         angle_sigma_rad: 0.1,
         offset_sigma_m: 1.0,
     };
-    let mut state = unknown::State::new();
+    let mut state = unknown::State::default();
     if guessed.begin(&mut state, &guess).is_err() {
         Twin::halt(format_args!("the filter of an unknown line does not begin"));
     }

@@ -24,7 +24,7 @@ fn north(metres: f32) -> Horizontal {
 #[test]
 fn the_papers_frame_is_east_and_north_and_its_direction_comes_from_the_transponder() {
     let filter = Config { range_m: 10.0, ..Config::DEFAULT }.build().unwrap();
-    let mut state = State::new();
+    let mut state = State::default();
     assert_eq!(state.estimate(), None);
     // A robot at (3 north, 1 east) that hears the transponder due east of it is 10 m to the west of it.
     let heard = filter.step(&mut state, &sighting(Horizontal { north: 3.0, east: 1.0 }, core::f32::consts::FRAC_PI_2));
@@ -88,7 +88,7 @@ fn straight() -> [[f32; 3]; 3] {
             }
         };
         let source = north(range_m);
-        let (mut guessed, mut heard_first, mut ours) = (State::new(), State::new(), polar::Resting::new());
+        let (mut guessed, mut heard_first, mut ours) = (State::default(), State::default(), polar::Resting::new());
         cartesian.begin(
             &mut guessed,
             north(0.0),
@@ -128,7 +128,7 @@ fn a_weave_lets_it_find_the_source() {
     let mut rng = Rng::new(3, 25);
     let mut errors: Vec<f32> = (0..200)
         .map(|_| {
-            let mut state = State::new();
+            let mut state = State::default();
             let source = north(12.0);
             for k in 0..60 {
                 let time = k as f32 * 0.1;
@@ -145,7 +145,7 @@ fn a_weave_lets_it_find_the_source() {
 #[test]
 fn bearings_behind_wrap_as_directions_do() {
     let filter = Config::DEFAULT.build().unwrap();
-    let (mut rng, mut state) = (Rng::new(4, 25), State::new());
+    let (mut rng, mut state) = (Rng::new(4, 25), State::default());
     for k in 0..60 {
         let from = Horizontal { north: 0.0, east: 0.1 * k as f32 - 3.0 };
         let bearing = north(-12.0).minus(from).bearing_rad() + SIGMA_RAD * rng.gaussian();
@@ -159,10 +159,10 @@ fn bearings_behind_wrap_as_directions_do() {
 #[test]
 fn at_the_source_it_starts_over() {
     let filter = Config::DEFAULT.build().unwrap();
-    let mut state = State::new();
+    let mut state = State::default();
     filter.begin(&mut state, north(0.0), north(4.0), 1.0);
     assert_eq!(filter.step(&mut state, &sighting(north(4.0), 0.0)), Update::Overhead);
-    assert_eq!(state, State::new());
+    assert_eq!(state, State::default());
     assert_eq!(filter.step(&mut state, &sighting(north(4.0), 0.0)), Update::Started);
     assert_eq!(filter.step(&mut state, &sighting(north(f32::NAN), 0.0)), Update::Refused);
 }
@@ -172,7 +172,7 @@ fn any_stream_leaves_it_finite_symmetric_and_positive() {
     let filter = Config::DEFAULT.build().unwrap();
     let mut rng = Rng::new(5, 25);
     for _ in 0..300 {
-        let mut state = State::new();
+        let mut state = State::default();
         for _ in 0..200 {
             let scale = libm::expf(20.0 * rng.uniform() - 10.0);
             let heard = Sighting {

@@ -44,12 +44,6 @@ impl Config {
     }
 }
 
-impl Default for Config {
-    fn default() -> Self {
-        Self::DEFAULT
-    }
-}
-
 /// The configured filters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Filter {
@@ -73,7 +67,7 @@ pub struct Guess {
     pub slope_intercept_sigma: [f32; 2],
 }
 
-/// State of a filter: `(p, p_tx)` or `(p, m, c)`.
+/// State of a filter, `(p, p_tx)` or `(p, m, c)`; by default it has not begun.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     x: [f32; 4],
@@ -84,13 +78,6 @@ pub struct State {
 }
 
 impl State {
-    /// Before it has begun.
-    #[must_use]
-    pub const fn new() -> Self {
-        let place_ned_m = Horizontal { north: 0.0, east: 0.0 };
-        Self { x: [0.0; 4], p: [[0.0; 4]; 4], line: None, place_ned_m, started: false }
-    }
-
     /// The estimate of the source, as of the last sighting; `None` before [`Filter::begin_known`] or
     /// [`Filter::begin_unknown`].
     #[must_use]

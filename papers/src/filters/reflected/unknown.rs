@@ -78,12 +78,6 @@ impl Config {
     }
 }
 
-impl Default for Config {
-    fn default() -> Self {
-        Self::DEFAULT
-    }
-}
-
 /// How the filter begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guess {
@@ -107,7 +101,7 @@ pub struct Unknown {
     config: Config,
 }
 
-/// State of the filter.
+/// State of the filter; by default it has not begun.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// Bearing and inverse range of the image, bearing of the line's normal, its offset from the anchor.
@@ -119,13 +113,6 @@ pub struct State {
 }
 
 impl State {
-    /// Before it has begun.
-    #[must_use]
-    pub const fn new() -> Self {
-        const ORIGIN: Horizontal = Horizontal { north: 0.0, east: 0.0 };
-        Self { x: [0.0; 4], p: [[0.0; 4]; 4], place_ned_m: ORIGIN, anchor_ned_m: ORIGIN, started: false }
-    }
-
     /// The estimate of the source, as of the last sighting; `None` before [`Unknown::begin`].
     #[must_use]
     pub fn estimate(&self) -> Option<Estimate> {
@@ -274,7 +261,7 @@ impl Unknown {
             return Err(Degenerate::NotBegun);
         }
         if !self.predict(state, sighting.place_ned_m, sighting.since_s) {
-            *state = State::new();
+            *state = State::default();
             return Ok(Update::Overhead);
         }
         let floor = self.config.sigma_floor_rad;

@@ -54,7 +54,7 @@ fn with_the_line_known_it_finds_a_source_from_a_guess_nearby() {
     let source = at(2.0, 9.0);
     let mut errors: Vec<f32> = (0..100)
         .map(|_| {
-            let mut state = State::new();
+            let mut state = State::default();
             let from = source.plus(at(3.0 * rng.gaussian(), 3.0 * rng.gaussian()));
             filter.begin_known(&mut state, &guess(from, WALL)).unwrap();
             fly(&filter, &mut state, source, &mut rng);
@@ -70,7 +70,7 @@ fn with_the_line_known_it_finds_a_source_from_a_guess_nearby() {
 fn with_the_line_unknown_the_image_is_found_and_the_frame_is_that_of_the_map() {
     let (filter, mut rng) = (Config::DEFAULT.build().unwrap(), Rng::new(2, 27));
     let source = at(2.0, 9.0);
-    let mut state = State::new();
+    let mut state = State::default();
     // The guess is the truth: it comes back in the map's frame.
     filter.begin_unknown(&mut state, &guess(source, WALL)).unwrap();
     assert!(state.estimate().unwrap().place_ned_m.minus(source).norm() < 1e-4);
@@ -93,13 +93,13 @@ fn with_the_line_unknown_the_image_is_found_and_the_frame_is_that_of_the_map() {
 #[test]
 fn vertical_walls_filters_that_have_not_begun_and_vehicles_on_the_line_are_told() {
     let filter = Config::DEFAULT.build().unwrap();
-    let mut state = State::new();
+    let mut state = State::default();
     assert_eq!(filter.step(&mut state, &sighting(at(0.0, 0.0), 0.1)), Err(Degenerate::NotBegun));
     let vertical = Wall::between(at(-9.0, 8.0), at(9.0, 8.0)).unwrap().slope_intercept();
     let steep = guess(at(2.0, 2.0), vertical);
     assert_eq!(filter.begin_known(&mut state, &steep), Err(Degenerate::Vertical));
     assert_eq!(filter.begin_unknown(&mut state, &steep), Err(Degenerate::Vertical));
-    assert_eq!(state, State::new());
+    assert_eq!(state, State::default());
     filter.begin_known(&mut state, &Guess { vehicle_sigma_m: 0.0, ..guess(at(2.0, 9.0), [0.0, 10.0]) }).unwrap();
     assert_eq!(filter.step(&mut state, &sighting(at(10.0, 4.0), 0.1)), Err(Degenerate::OnLine));
     assert!(matches!(filter.step(&mut state, &sighting(at(8.0, 4.0), 0.1)), Ok(Update::Fused { .. })));
@@ -110,7 +110,7 @@ fn any_stream_leaves_both_finite_symmetric_and_positive() {
     let filter = Config::DEFAULT.build().unwrap();
     let mut rng = Rng::new(3, 27);
     for case in 0..300 {
-        let mut state = State::new();
+        let mut state = State::default();
         let guess = Guess {
             slope_intercept: [3.0 * rng.gaussian(), 10.0 * rng.gaussian()],
             source_sigma_m: libm::expf(8.0 * rng.uniform()),

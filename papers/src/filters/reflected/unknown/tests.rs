@@ -47,7 +47,7 @@ fn drawn(guess: &Guess, rng: &mut Rng) -> (Horizontal, Wall) {
 #[test]
 fn it_begins_with_the_guess_and_its_covariance() {
     let (filter, guess, mut rng) = (filter(), guess(), Rng::new(1, 28));
-    let mut state = State::new();
+    let mut state = State::default();
     assert_eq!(state.estimate(), None);
     filter.begin(&mut state, &guess).unwrap();
     let estimate = state.estimate().unwrap();
@@ -78,7 +78,7 @@ fn it_begins_with_the_guess_and_its_covariance() {
 fn derivatives_are_those_of_finite_differences() {
     let (filter, mut rng) = (filter(), Rng::new(2, 28));
     for _ in 0..200 {
-        let mut state = State { started: true, ..State::new() };
+        let mut state = State { started: true, ..State::default() };
         state.x = [6.0 * rng.uniform() - 3.0, 0.05 + rng.uniform(), 6.0 * rng.uniform() - 3.0, 3.0 * rng.gaussian()];
         state.place_ned_m = at(rng.gaussian(), rng.gaussian());
         state.anchor_ned_m = at(rng.gaussian(), rng.gaussian());
@@ -142,7 +142,7 @@ fn derivatives_are_those_of_finite_differences() {
 
 /// Flies a square of 8 m around where the guess was made, and tells errors of source and image, and NEES of the source.
 fn fly(filter: &Unknown, guess: &Guess, source: Horizontal, line: &Wall, rng: &mut Rng) -> (State, [f32; 3]) {
-    let mut state = State::new();
+    let mut state = State::default();
     filter.begin(&mut state, guess).unwrap();
     let image = line.mirror(source);
     for k in 0..320 {
@@ -200,9 +200,9 @@ fn what_bearings_do_not_tell_stays_uncertain() {
 #[test]
 fn what_has_no_geometry_is_told() {
     let filter = filter();
-    let mut state = State::new();
+    let mut state = State::default();
     assert_eq!(filter.step(&mut state, &sighting(at(0.0, 0.0), 0.1)), Err(Degenerate::NotBegun));
-    let bad = |guess: Guess| filter.begin(&mut State::new(), &guess).unwrap_err();
+    let bad = |guess: Guess| filter.begin(&mut State::default(), &guess).unwrap_err();
     assert_eq!(bad(Guess { line: Wall::default(), ..guess() }), Degenerate::NoLine);
     assert_eq!(bad(Guess { source_sigma_m: f32::NAN, ..guess() }), Degenerate::NoLine);
     assert_eq!(bad(Guess { vehicle_ned_m: at(0.0, 10.0), ..guess() }), Degenerate::OnLine);
@@ -221,7 +221,7 @@ fn any_stream_leaves_it_finite_symmetric_and_positive() {
     for _ in 0..300 {
         let mut wild = || libm::expf(12.0 * rng.uniform() - 6.0);
         let guess = Guess { source_sigma_m: wild(), angle_sigma_rad: wild(), offset_sigma_m: wild(), ..guess() };
-        let mut state = State::new();
+        let mut state = State::default();
         for _ in 0..200 {
             if !state.started {
                 filter.begin(&mut state, &guess).unwrap();

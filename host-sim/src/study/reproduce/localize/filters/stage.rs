@@ -57,12 +57,12 @@ impl Stage {
 
     /// The paper's Cartesian filter and the polar one.
     pub(super) fn line_of_sight(&mut self, draw: impl Fn(&mut Random) -> Scene) -> Result<(), ConfigError> {
-        let filter = cartesian::Config::default().build()?;
+        let filter = cartesian::Config::DEFAULT.build()?;
         for run in 0..self.runs {
             let scene = draw(&mut self.random);
             let course = &scene.course;
             let sightings = course.hear(&mut self.random);
-            let mut state = cartesian::State::new();
+            let mut state = cartesian::State::default();
             filter.begin(&mut state, ORIGIN.to_core(), scene.guess.to_core(), scene.guess_sigma_m as f32);
             let at_first = state.estimate();
             let paper = follow(&mut self.paper, course, &sightings, at_first, |sighting| {
@@ -108,7 +108,7 @@ impl Stage {
     /// A source of constant velocity, drawn from the prior, in sight or off a wall; the paper's filters know no such source.
     pub(super) fn moving(&mut self, behind: bool) -> Result<(), ConfigError> {
         self.has_paper = !behind;
-        let filter = cartesian::Config::default().build()?;
+        let filter = cartesian::Config::DEFAULT.build()?;
         let mut run = 0;
         while run < self.runs {
             let walls = if behind { vec![draw_slanted(&mut self.random)] } else { Vec::new() };
@@ -129,7 +129,7 @@ impl Stage {
                 continue;
             }
             self.polar::<4, 0>(&course, &sightings, MOVING_RHO, SPEED_MPS)?;
-            let mut state = cartesian::State::new();
+            let mut state = cartesian::State::default();
             let guess = around(ORIGIN.along(towards, 1.0 / MOVING_RHO[0]), sigma_m, &mut self.random);
             filter.begin(&mut state, ORIGIN.to_core(), guess.to_core(), sigma_m as f32);
             let at_first = state.estimate();
@@ -143,7 +143,7 @@ impl Stage {
 
     /// The paper's filter of eq. 8 and ours behind a mirror.
     pub(super) fn known(&mut self, draw: &dyn Fn(&mut Random) -> Wall) -> Result<(), ConfigError> {
-        let filter = literal::Config::default().build()?;
+        let filter = literal::Config::DEFAULT.build()?;
         let mut run = 0;
         while run < self.runs {
             let wall = draw(&mut self.random);
@@ -158,7 +158,7 @@ impl Stage {
                 slope_intercept: wall.to_core().slope_intercept(),
                 slope_intercept_sigma: [0.0; 2],
             };
-            let mut state = literal::State::new();
+            let mut state = literal::State::default();
             let paper = if filter.begin_known(&mut state, &guess).is_ok() {
                 let at_first = state.estimate();
                 follow(&mut self.paper, &course, &sightings, at_first, |sighting| {
@@ -208,7 +208,7 @@ impl Stage {
 
     /// The paper's filter of `(p, m, c)` and ours of image and line, from one guess.
     pub(super) fn unknown(&mut self, draw: &dyn Fn(&mut Random) -> Wall) -> Result<(), ConfigError> {
-        let paper = literal::Config::default().build()?;
+        let paper = literal::Config::DEFAULT.build()?;
         let ours = unknown::Config {
             outlier_rate: 0.0,
             odometry_m2_per_s: 0.0,
@@ -259,7 +259,7 @@ impl Stage {
                 slope_intercept: [m, c],
                 slope_intercept_sigma: [(GUESS_RAD * stretch * stretch) as f32, (lever_m * stretch) as f32],
             };
-            let mut state = literal::State::new();
+            let mut state = literal::State::default();
             if paper.begin_unknown(&mut state, &guess).is_err() {
                 self.paper.lost += 1;
                 continue;
@@ -284,7 +284,7 @@ impl Stage {
         sightings: &[Sighting],
         initial_m: f64,
     ) {
-        let mut state = unknown::State::new();
+        let mut state = unknown::State::default();
         if filter.begin(&mut state, guess).is_err() {
             self.ours.lost += 1;
             return;
