@@ -130,34 +130,6 @@ pub(super) fn seen(
 /// Standard deviation of a bearing from anywhere.
 const UNIFORM_SIGMA_RAD: f32 = 1.813_8;
 
-/// Whether a matrix has a Cholesky factor, in `f64`, after scaling to ones on the diagonal, and is symmetric.
-#[cfg(test)]
-#[expect(clippy::needless_range_loop, reason = "a triangular matrix is filled by row and column")]
-pub(super) fn is_covariance<const S: usize>(p: &[[f32; S]; S]) -> bool {
-    let scale: [f64; S] = core::array::from_fn(|i| f64::from(p[i][i]).sqrt());
-    let mut l = [[0.0_f64; S]; S];
-    for i in 0..S {
-        for j in 0..=i {
-            if p[i][j] != p[j][i] {
-                return false;
-            }
-            let mut sum = f64::from(p[i][j]) / (scale[i] * scale[j]);
-            for k in 0..j {
-                sum -= l[i][k] * l[j][k];
-            }
-            if i == j {
-                if !(sum > 0.0) {
-                    return false;
-                }
-                l[i][i] = sum.sqrt();
-            } else {
-                l[i][j] = sum / l[j][j];
-            }
-        }
-    }
-    true
-}
-
 #[cfg(test)]
 mod tests {
     use core::f32::consts::TAU;
@@ -215,7 +187,6 @@ mod tests {
                     );
                 }
             }
-            assert!(is_covariance(&covariance));
         }
     }
 }

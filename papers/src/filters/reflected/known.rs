@@ -54,4 +54,31 @@ impl Known<1> {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+
+    const SIGMA_RAD: f32 = 0.05;
+
+    fn at(north: f32, east: f32) -> Horizontal {
+        Horizontal { north, east }
+    }
+
+    #[test]
+    fn what_has_no_geometry_is_told_and_changes_nothing() {
+        let filter = polar::Config::DEFAULT.build().unwrap();
+        let known = Known { filter, lines: [Wall::between(at(10.0, -40.0), at(10.0, 40.0)).unwrap()] };
+        let mut state = polar::Resting::new();
+        let heard = |place: Horizontal, bearing_rad: f32| Sighting {
+            place_ned_m: place,
+            direction_ned: Horizontal::from_bearing(bearing_rad),
+            sigma_rad: SIGMA_RAD,
+            since_s: 0.1,
+        };
+        assert_eq!(known.step(&mut state, &heard(at(0.0, 0.0), 0.4)), Ok(Update::Started));
+        let before = state;
+        assert_eq!(known.step(&mut state, &heard(at(10.0, 0.0), 0.4)), Err(Degenerate::OnLine));
+        assert_eq!(known.step(&mut state, &heard(at(0.0, 0.0), 2.0)), Err(Degenerate::NoReflection));
+        assert_eq!(known.step(&mut state, &heard(at(f32::NAN, 0.0), 0.4)), Ok(Update::Refused));
+        assert_eq!(state, before);
+    }
+}
