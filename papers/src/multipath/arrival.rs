@@ -30,8 +30,6 @@ pub struct Arrival {
     pub azimuth_ned_rad: f32,
     /// The weaker path, if there is one. (The direct path need not be the stronger one.)
     pub reflection: Option<Reflection>,
-    /// For comparison: the direction of largest Bartlett power, or the mean of the bearings.
-    pub bartlett_ned_rad: f32,
     /// The method used.
     pub method: Method,
     /// Number of looks used.
@@ -47,14 +45,7 @@ pub(super) struct Found {
 }
 
 impl Found {
-    pub(super) fn arrival(
-        &self,
-        looks: &Deque<Kept, LOOKS>,
-        last: &Kept,
-        method: Method,
-        bartlett_ned_rad: f32,
-        wavenumber: f32,
-    ) -> Arrival {
+    pub(super) fn arrival(&self, looks: &Deque<Kept, LOOKS>, last: &Kept, method: Method, wavenumber: f32) -> Arrival {
         let sigma_rad = sqrt(self.variance);
         // NaN is treated as useless.
         let sigma_rad = if sigma_rad < core::f32::consts::PI { sigma_rad.max(1e-6) } else { core::f32::consts::PI };
@@ -86,7 +77,6 @@ impl Found {
             },
             azimuth_ned_rad,
             reflection: self.reflection,
-            bartlett_ned_rad: if bartlett_ned_rad.is_finite() { wrap_pi(bartlett_ned_rad) } else { 0.0 },
             method,
             looks: looks.len() as u8,
         }

@@ -57,26 +57,4 @@ impl Solver<'_> {
             }
         }
     }
-
-    /// The direction of most Bartlett power: the best of the grid, and the parabola through it and its neighbours.
-    pub(super) fn strongest(&self, scan: &Scan) -> f32 {
-        let sum: [f32; GRID] =
-            core::array::from_fn(|i| scan.at(i).iter().map(|view| view.power[i / HALF]).sum::<f32>());
-        let best = largest(&sum);
-        let (before, after) = (sum[(best + GRID - 1) % GRID], sum[(best + 1) % GRID]);
-        let bend = before - 2.0 * sum[best] + after;
-        let offset = if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 };
-        (best as f32 + offset) * GRID_STEP_RAD
-    }
-}
-
-/// Where the largest value is.
-fn largest(values: &[f32; GRID]) -> usize {
-    let mut best = 0;
-    for (i, value) in values.iter().enumerate() {
-        if *value > values[best] {
-            best = i;
-        }
-    }
-    best
 }

@@ -41,7 +41,7 @@
 use heapless::Deque;
 
 use foxhound_core::base::adc::CHANNELS;
-use foxhound_core::base::error::{ConfigError, Why, check};
+use foxhound_core::base::error::{ConfigError, check};
 use foxhound_core::base::ned::Ned;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::{sin_cos, wrap_pi};
@@ -77,16 +77,15 @@ const FAR_M: f32 = 1e6;
 const NOISE_FLOOR: f32 = 1e-7;
 
 /// How the directions were found.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
     /// Forward-backward MUSIC, then the fit. With a changing yaw, `Projection` replaces it.
-    #[default]
     Music,
     /// Projection on pairs of directions, then the fit.
     Projection,
     /// One path explains all looks.
     OnePath,
-    /// Mean of the single bearings: requested, or the array has no opposite pairs, or a channel is dead.
+    /// Mean of the single bearings: the array has no opposite pairs, or a channel is dead.
     Mean,
 }
 
@@ -103,8 +102,6 @@ pub struct Config {
     pub age_max_s: f32,
     /// Phase error left in each channel after calibration, rms.
     pub channel_sigma_rad: f32,
-    /// How two paths are looked for.
-    pub method: Method,
 }
 
 impl Default for Config {
@@ -115,7 +112,6 @@ impl Default for Config {
             move_min_wavelengths: 0.25,
             age_max_s: 5.0,
             channel_sigma_rad: 1.0 / 57.295_78,
-            method: Method::Music,
         }
     }
 }
@@ -131,10 +127,6 @@ impl Config {
         check("multipath.move_min_wavelengths", self.move_min_wavelengths, 0.0, 100.0)?;
         check("multipath.age_max_s", self.age_max_s, 1e-3, 3600.0)?;
         check("multipath.channel_sigma_rad", self.channel_sigma_rad, 0.002, 0.3)?;
-        if self.method == Method::OnePath {
-            let why = Why::Inconsistent("`one path` is a result, not a method to find two");
-            return Err(ConfigError { field: "multipath.method", value: 0.0, why });
-        }
         Ok(Looks { config: *self, array: *array, pairs: opposite_pairs(&array.steering) })
     }
 }
@@ -317,10 +309,10 @@ impl Looks {
             headings: &headings,
             heading_of: &heading_of,
         };
-        Some(solver.solve(self.config.method, last))
+        Some(solver.solve(last))
     }
 
-    /// One antenna of each opposite pair; `None` when there are no pairs, a channel is dead, or the mean is wanted.
+    /// One antenna of each opposite pair; `None` when there are no pairs, or a channel is dead.
     fn half(&self, state: &State) -> Option<[[f32; 2]; 2]> {
         let [[a, _], [b, _]] = self.pairs?;
         let dead = |m: usize| {
@@ -329,8 +321,7 @@ impl Looks {
             // Fading takes a channel down in some looks, not in all.
             flagged == state.looks.len() || power < 0.01 * state.looks.len() as f32
         };
-        let wanted = self.config.method != Method::Mean && !(0..CHANNELS).any(dead);
-        wanted.then_some([self.array.steering[a], self.array.steering[b]])
+        (!(0..CHANNELS).any(dead)).then_some([self.array.steering[a], self.array.steering[b]])
     }
 
     /// The mean direction of the looks' own bearings.
@@ -348,7 +339,7 @@ impl Looks {
         let azimuth_ned_rad = libm::atan2f(east, north);
         let found = Found { azimuth_ned_rad, variance: variance + spread, chi2: 0.0, reflection: None };
         let wavenumber = last.bearing.quality.wavenumber;
-        let arrival = found.arrival(&state.looks, last, Method::Mean, azimuth_ned_rad, wavenumber);
+        let arrival = found.arrival(&state.looks, last, Method::Mean, wavenumber);
         let elevation_rad = last.bearing.elevation_rad;
         Arrival { bearing: Bearing { elevation_rad, ..arrival.bearing }, ..arrival }
     }

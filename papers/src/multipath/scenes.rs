@@ -121,8 +121,8 @@ impl Scenes {
     }
 
     /// Errors of many scenes, sorted, in degrees.
-    pub(super) fn run(&self, config: Config, count: usize) -> Run {
-        let stage = Config { move_min_wavelengths: 0.2, ..config }.build(&array()).unwrap();
+    pub(super) fn run(&self, count: usize) -> Run {
+        let stage = Config { move_min_wavelengths: 0.2, ..Config::default() }.build(&array()).unwrap();
         let mut rng = Rng::new(11, 5);
         let mut run = Run::default();
         for _ in 0..count {

@@ -17,7 +17,7 @@ const NOISE_GATE: f32 = 4.5;
 
 impl Solver<'_> {
     /// One path if it is enough, else two.
-    pub(super) fn solve(&self, method: Method, last: &Kept) -> Arrival {
+    pub(super) fn solve(&self, last: &Kept) -> Arrival {
         let one = self.mean();
         let gate = self.gate();
         let normal = self.normal(one, self.stride);
@@ -27,16 +27,14 @@ impl Solver<'_> {
                 // Of three degrees of freedom for the channels' errors a look, one path takes one.
                 let variance = fit.variance[0] * (fit.chi2 / 3.0).max(1.0);
                 let found = Found { azimuth_ned_rad: fit.x[0], variance, chi2: fit.chi2, reflection: None };
-                return found.arrival(self.looks, last, Method::OnePath, fit.x[0], fit.x[1]);
+                return found.arrival(self.looks, last, Method::OnePath, fit.x[1]);
             }
         }
 
         let mut scan = Scan::EMPTY;
         self.scan(&mut scan);
-        let bartlett_ned_rad = self.strongest(&scan);
         let resolve = |start: [f32; 2]| self.fit(Paths::Two(start, self.wavenumber));
-        let music = if method == Method::Music { self.music(&scan).map(resolve) } else { None };
-        let (paths, method) = match music {
+        let (paths, method) = match self.music(&scan).map(resolve) {
             Some((paths, left)) if left < gate => (paths, Method::Music),
             other => {
                 let (paths, left) = resolve(self.projection(&scan));
@@ -58,7 +56,7 @@ impl Solver<'_> {
         let variance = fit.variance[strong] * (fit.chi2 / 2.0).max(1.0);
         let reflection = fit.x[weak].is_finite().then_some(reflection);
         let found = Found { azimuth_ned_rad: fit.x[strong], variance, chi2: fit.chi2, reflection };
-        found.arrival(self.looks, last, method, bartlett_ned_rad, self.wavenumber)
+        found.arrival(self.looks, last, method, self.wavenumber)
     }
 
     /// The residual that a model may leave: noise gives one path three per look, and the channels' errors theirs.
