@@ -354,8 +354,8 @@ fn seeking(draw: &mut Draw<'_>) -> Reached {
         return reached;
     };
     reached.configured = true;
-    let (mut state, mut joint) = (rotating::State::new(), direction::State::new());
-    let (mut resting, mut moving) = (pursuit::State::<2>::new(), pursuit::State::<4>::new());
+    let (mut state, mut joint) = (rotating::State::new(), direction::State::default());
+    let (mut resting, mut moving) = (pursuit::State::<2>::default(), pursuit::State::<4>::default());
     let (mut now, mut yaw_rad, mut stream) = (Instant(0), 0.0, Stream::new(draw));
     let (rate_rad, mut noise) = (draw.field(0.13, -1.6, 1.6), Noise(u64::from(draw.word())));
     while !draw.rest.is_empty() && reached.answers < STEPS_MAX {
@@ -378,8 +378,7 @@ fn seeking(draw: &mut Draw<'_>) -> Reached {
         }
         if let Some(known) = joiner.step(&mut joint, now, bearing_rad, sigma_rad) {
             assert!(known.bearing_ned_rad.abs() <= PI + 1e-6 && known.sigma_rad >= 0.0, "{known:?}");
-            assert!(known.sigma_rad.is_finite() && (0.0..=1.0).contains(&known.outlier), "{known:?}");
-            assert!((-1e-3..=1.001).contains(&known.fast), "{known:?}");
+            assert!(known.sigma_rad.is_finite() && (-1e-3..=1.001).contains(&known.fast), "{known:?}");
             reached.usable += 1;
         }
         let courses = [
@@ -387,11 +386,7 @@ fn seeking(draw: &mut Draw<'_>) -> Reached {
             pursuer.step(&mut moving, now, heard.place_ned_m, bearing_rad, sigma_rad),
         ];
         for course in courses.into_iter().flatten() {
-            assert!(course.bearing_ned_rad.abs() <= PI + 1e-6 && course.sigma_rad >= 0.0, "{course:?}");
-            assert!(course.sigma_rad.is_finite(), "{course:?}");
-            if let Some(source) = course.source {
-                check_estimate(&source, &|| format!("{heard:?}"));
-            }
+            assert!(course.abs() <= PI + 1e-6, "{course} {heard:?}");
         }
         reached.answers += 1;
     }

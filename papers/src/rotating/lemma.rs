@@ -13,23 +13,9 @@
 //! points straight away from the source and costs only `r`, so both hold with 1 instead: [`Bound::Sharp`].
 //!
 //! Frames: the paper's angles run anticlockwise from `x`, ours clockwise from north. The model has no preferred direction,
-//! so only the names change; a test pins it.
+//! so only the names change.
 
 use foxhound_core::base::error::{ConfigError, check};
-use foxhound_core::base::ned::Horizontal;
-use foxhound_core::base::units::wrap_pi;
-
-/// The heard direction (eq. 2), from north, clockwise, (-pi, pi].
-#[must_use]
-pub fn heard_rad(source_rad: f32, noise_rad: f32, outlier_rad: Option<f32>) -> f32 {
-    wrap_pi(outlier_rad.unwrap_or(source_rad + noise_rad))
-}
-
-/// A step along the heard direction (eq. 3).
-#[must_use]
-pub fn step(position_ned_m: Horizontal, heard_rad: f32, step_m: f32) -> Horizontal {
-    position_ned_m.plus(Horizontal::from_bearing(heard_rad).times(step_m))
-}
 
 /// `E[cos n]` of Gaussian noise (eq. 5).
 #[must_use]
@@ -142,24 +128,11 @@ impl Motion {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use core::f32::consts::{FRAC_PI_2, PI, TAU};
+    use core::f32::consts::PI;
     use foxhound_core::base::rng::Rng;
 
     fn motion(outlier_rate: f32, sigma_rad: f32) -> Motion {
         Motion::new(0.1, outlier_rate, mean_cosine(sigma_rad)).unwrap()
-    }
-
-    #[test]
-    fn the_papers_step_is_ours_in_its_frame() {
-        let mut rng = Rng::new(1, 1);
-        for _ in 0..1000 {
-            let (x, y, psi) = (100.0 * rng.uniform() - 50.0, 100.0 * rng.uniform() - 50.0, TAU * rng.uniform());
-            let theirs = (x + 0.1 * libm::cosf(psi), y + 0.1 * libm::sinf(psi));
-            let ours = step(Horizontal { north: y, east: x }, FRAC_PI_2 - psi, 0.1);
-            assert!((ours.east - theirs.0).abs() < 1e-5 && (ours.north - theirs.1).abs() < 1e-5);
-        }
-        assert_eq!(heard_rad(0.4, 0.1, Some(-2.0)), -2.0);
-        assert!((heard_rad(3.0, 0.5, None) - (3.5 - TAU)).abs() < 1e-6);
     }
 
     #[test]

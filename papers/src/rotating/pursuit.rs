@@ -11,7 +11,7 @@ use foxhound_core::base::math::sqrt;
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::wrap_pi;
-use foxhound_core::localize::source::{Estimate, Sighting, Update, polar};
+use foxhound_core::localize::source::{Sighting, Update, polar};
 
 use super::direction;
 
@@ -71,31 +71,13 @@ pub struct State<const S: usize> {
 
 impl<const S: usize> Default for State<S> {
     fn default() -> Self {
-        Self::new()
+        Self { direction: direction::State::default(), polar: polar::State::new(), heard: None, contradictions: 0 }
     }
-}
-
-impl<const S: usize> State<S> {
-    /// No bearing yet. All bits are zero.
-    #[must_use]
-    pub const fn new() -> Self {
-        Self { direction: direction::State::new(), polar: polar::State::new(), heard: None, contradictions: 0 }
-    }
-}
-
-/// The direction to fly in.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Course {
-    /// From north, clockwise, (-pi, pi].
-    pub bearing_ned_rad: f32,
-    /// Its standard deviation.
-    pub sigma_rad: f32,
-    /// The estimated source, once the second filter has started; not usable while the direction changes fast.
-    pub source: Option<Estimate>,
 }
 
 impl Pursuer {
-    /// Processes a rotation's bearing, measured at a position; `None` if either is not finite.
+    /// The direction to fly in, from north, clockwise, (-pi, pi], after a rotation's bearing, measured at a position;
+    /// `None` if either is not finite.
     pub fn step<const S: usize>(
         &self,
         state: &mut State<S>,
@@ -103,7 +85,7 @@ impl Pursuer {
         place_ned_m: Horizontal,
         bearing_ned_rad: f32,
         sigma_rad: f32,
-    ) -> Option<Course> {
+    ) -> Option<f32> {
         let known = self.direction.step(&mut state.direction, time, bearing_ned_rad, sigma_rad)?;
         let since_s = state.heard.replace(time).map_or(0.0, |heard| time.seconds_since(heard));
         let sighting = |bearing_rad: f32, sigma_rad: f32| Sighting {
@@ -119,12 +101,10 @@ impl Pursuer {
         } else if known.sigma_rad < START_SIGMA_RAD {
             self.polar.step(&mut state.polar, &sighting(known.bearing_ned_rad, known.sigma_rad));
         }
-        let source = state.polar.estimate();
-        let (bearing_ned_rad, sigma_rad) = match source {
-            Some(source) if known.fast < FAST => (source.bearing_ned_rad, source.bearing_sigma_rad),
-            _ => (known.bearing_ned_rad, known.sigma_rad),
-        };
-        Some(Course { bearing_ned_rad, sigma_rad, source })
+        Some(match state.polar.estimate() {
+            Some(source) if known.fast < FAST => source.bearing_ned_rad,
+            _ => known.bearing_ned_rad,
+        })
     }
 
     /// Stops the filter with the position when the one without contradicts it.
@@ -159,7 +139,7 @@ mod tests {
 
     impl Rule {
         fn pursuit() -> Self {
-            Self::Pursuit(Config::default().build().unwrap(), State::new())
+            Self::Pursuit(Config::default().build().unwrap(), State::default())
         }
 
         fn bank() -> Self {
@@ -169,8 +149,7 @@ mod tests {
         fn bearing_rad(&mut self, step: u64, place_ned_m: Horizontal, heard_rad: f32, sigma_rad: f32) -> f32 {
             match self {
                 Self::Pursuit(pursuer, state) => {
-                    let course = pursuer.step(state, Instant(step * 100_000), place_ned_m, heard_rad, sigma_rad);
-                    course.unwrap().bearing_ned_rad
+                    pursuer.step(state, Instant(step * 100_000), place_ned_m, heard_rad, sigma_rad).unwrap()
                 }
                 Self::Bank(bank, state) => {
                     let direction_ned = Horizontal::from_bearing(heard_rad);
@@ -229,7 +208,7 @@ mod tests {
     #[test]
     fn no_numbers_change_nothing() {
         let pursuer = Config::default().build().unwrap();
-        let mut state = State::<4>::new();
+        let mut state = State::<4>::default();
         let before = state.clone();
         assert_eq!(pursuer.step(&mut state, Instant(0), Horizontal::default(), f32::NAN, 0.1), None);
         assert_eq!(state, before);

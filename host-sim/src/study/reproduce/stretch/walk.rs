@@ -79,12 +79,8 @@ impl Rule {
         let said = match self {
             Self::Greedy => None,
             Self::Direction(filter, state) => filter.step(state, time, heard, sigma).map(|known| known.bearing_ned_rad),
-            Self::Filtered(pursuer, state) => {
-                pursuer.step(state, time, place, heard, sigma).map(|course| course.bearing_ned_rad)
-            }
-            Self::FilteredMoving(pursuer, state) => {
-                pursuer.step(state, time, place, heard, sigma).map(|course| course.bearing_ned_rad)
-            }
+            Self::Filtered(pursuer, state) => pursuer.step(state, time, place, heard, sigma),
+            Self::FilteredMoving(pursuer, state) => pursuer.step(state, time, place, heard, sigma),
         };
         said.map_or(heard_rad, f64::from)
     }
@@ -128,7 +124,6 @@ impl Walk {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foxhound_papers::rotating::lemma;
 
     #[test]
     fn a_step_is_that_of_the_paper() {
@@ -136,14 +131,14 @@ mod tests {
         let start = Horizontal { north: 4.0, east: -3.0 };
         let mut walk = Walk::new(&Rule::Greedy, model, start, Random::new(1, 1));
         let mut random = Random::new(1, 1);
-        let mut place = start.to_core();
+        // Its angles run anticlockwise from x, to the east; ours clockwise from north.
+        let (mut x, mut y) = start.xy();
         for _ in 0..50 {
-            let source_rad = place.times(-1.0).bearing_rad();
             let (coin, noise, anywhere) = (random.uniform(), random.gaussian(), random.uniform());
-            let outlier = (coin < 0.3).then_some((TAU * anywhere) as f32);
-            place = lemma::step(place, lemma::heard_rad(source_rad, (0.4 * noise) as f32, outlier), STEP_M as f32);
+            let psi = if coin < 0.3 { PI / 2.0 - TAU * anywhere } else { libm::atan2(-y, -x) - 0.4 * noise };
+            (x, y) = (x + 0.1 * libm::cos(psi), y + 0.1 * libm::sin(psi));
             walk.step(Horizontal::default());
-            assert!(walk.place.minus(crate::world::from_core(place)).norm() < 1e-3);
+            assert!(walk.place.minus(Horizontal::from_xy([x, y])).norm() < 1e-6);
         }
     }
 
