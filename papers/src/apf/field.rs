@@ -34,7 +34,7 @@
 //!
 //! The swirl that our planner adds has no potential.
 
-use super::law::Repels as _;
+use super::law;
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::planning::field::{self, ForceField, Gains, Pole, Pull, repulsion};
@@ -65,10 +65,10 @@ impl Field {
             let distance = obstacle.clearance_m(position);
             if distance < self.gains.influence_m {
                 let away = position.minus(obstacle.center_ned_m);
-                repulsion += self.law.potential(&self.gains, distance, obstacle.reach_m, away);
+                repulsion += law::potential(&self.law, &self.gains, distance, obstacle.reach_m, away);
             }
         }
-        0.5 * self.gains.k_att * error.norm_squared() + repulsion * self.law.fade(error.norm_squared()).0
+        0.5 * self.gains.k_att * error.norm_squared() + repulsion * law::fade(&self.law, error.norm_squared()).0
     }
 }
 
@@ -89,15 +89,15 @@ impl ForceField for Field {
         if let Some(flown) = self.flown() {
             return flown.pull(position, target, poles, clearance);
         }
-        let (law, gains) = (&self.law, &self.gains);
+        let gains = &self.gains;
         let to_target = target.minus(position);
         let mut shares = 0.0;
         let (push, clearance) = repulsion(position, poles, clearance, |distance, norm| {
-            let (strength, share) = law.strength(gains, distance, norm);
+            let (strength, share) = law::strength(&self.law, gains, distance, norm);
             shares += share;
             strength
         });
-        let (push, aside) = law.complete(gains, push, shares, to_target);
+        let (push, aside) = law::complete(&self.law, gains, push, shares, to_target);
         Pull { force: gains.attraction(to_target).plus(gains.swirled(push)).plus(aside), clearance }
     }
 }

@@ -25,7 +25,6 @@ pub mod field;
 mod law;
 
 pub use field::Field;
-use law::Repels as _;
 
 /// Range of the goal within which the temporary target becomes it.
 const END_RANGE_M: f32 = 0.5;
@@ -116,7 +115,7 @@ impl AnyPlanner {
             return Ok(Self { config: *config, vehicle: *vehicle, own: config.build(vehicle, sensor, fence)? });
         }
         let own = own(config).build(vehicle, sensor, fence)?;
-        config.law.check()?;
+        law::check_law(&config.law)?;
         if config.explore.is_some() {
             let why = Why::Inconsistent("only the planner foxhound can search");
             return Err(ConfigError { field: "planner.explore", value: 1.0, why });
