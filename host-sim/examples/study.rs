@@ -12,7 +12,7 @@ use foxhound_sim::scenario::input::InputError;
 use foxhound_sim::study::gusts::page as gusts;
 use foxhound_sim::study::landings::{SCENES, page as landings};
 use foxhound_sim::study::matrix::{World, barn, forests, gusty, page as matrix, pillars, thickets, traps};
-use foxhound_sim::study::{Campaign, Study, seeds};
+use foxhound_sim::study::{Campaign, seeds};
 use serde_json::json;
 
 const USAGE: &str = "gusts FLIGHTS PAGE [development] | landings FLIGHTS PAGE [development] \
@@ -20,14 +20,19 @@ const USAGE: &str = "gusts FLIGHTS PAGE [development] | landings FLIGHTS PAGE [d
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let campaign = |flights: &str, usual, rest: &[&str]| Campaign {
+        flights: flights.parse().unwrap_or(usual),
+        is_development: !rest.is_empty(),
+        tell,
+    };
     let done = match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
-        ["gusts", flights, page, ref rest @ ..] => campaign::<gusts::Page>(flights.parse().unwrap_or(240), page, rest),
+        ["gusts", flights, page, ref rest @ ..] => written(gusts::page(&campaign(flights, 240, rest)), page, rest),
         ["landings", flights, page, ref rest @ ..] => {
-            campaign::<landings::Page>(flights.parse().unwrap_or(200), page, rest)
+            written(landings::page(&campaign(flights, 200, rest)), page, rest)
         }
         ["matrix", times, barn, page, ref rest @ ..] if rest.len() < 2 => {
             let (times, only) = (times.parse().unwrap_or(1), rest.concat());
-            written::<matrix::Page>(&matrix::Settings { times, barn: barn.into(), only, tell }, page, !rest.is_empty())
+            written(matrix::page(&matrix::Settings { times, barn: barn.into(), only, tell }), page, rest)
         }
         ["worlds", flights, traps, barn] => worlds(flights.parse().unwrap_or(100), traps, barn),
         _ => {
@@ -42,18 +47,14 @@ fn main() -> ExitCode {
     ExitCode::SUCCESS
 }
 
-fn campaign<S: Study<Settings = Campaign>>(flights: u64, page: &str, rest: &[&str]) -> Result<(), Box<dyn Error>> {
-    let is_development = !rest.is_empty();
-    written::<S>(&Campaign { flights, is_development, tell }, page, is_development)
-}
-
-fn written<S: Study>(settings: &S::Settings, page: &str, is_shown: bool) -> Result<(), Box<dyn Error>> {
-    let text = S::run(settings, &|_| ())?.table();
-    if is_shown {
-        println!("{text}");
-        return Ok(());
+/// Writes a text to its page, or with more behind it onto standard output.
+fn written(text: Result<String, InputError>, page: &str, rest: &[&str]) -> Result<(), Box<dyn Error>> {
+    let text = text?;
+    if rest.is_empty() {
+        return Ok(std::fs::write(page, text)?);
     }
-    Ok(std::fs::write(page, text)?)
+    println!("{text}");
+    Ok(())
 }
 
 /// Prints about so many worlds of each kind, all on held-out seeds; of BARN's at most every second of those that there are.

@@ -12,7 +12,7 @@
 //! - [`stretch`], `stretch`: excess travel of a vehicle that follows its turning antenna, outliers among its measurements (fig. 3
 //!   and 4 of the rotating vehicle's paper), the discs of its lemmas, and a source that moves.
 //!
-//! Each experiment is a [`Study`](super::Study): a serialisable report with a table as text and pictures. [`Experiment`]
+//! Each experiment is a [`Study`]: a serialisable report with a table as text and pictures. [`Experiment`]
 //! runs any of them by its name; [`gallery`] keeps all of them in a folder with a page.
 
 pub mod circle;
@@ -57,7 +57,7 @@ pub const PAPERS: [(&str, &str); 4] = [
     ),
 ];
 
-pub use experiment::{Experiment, Outcome};
+pub use experiment::{Beside, Experiment, Judgement, Outcome, Study, Verdict, Watch};
 pub use kinematic::{Rules, Sight};
 pub use settings::Settings;
 

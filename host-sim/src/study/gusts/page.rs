@@ -5,11 +5,10 @@ use std::fmt::Write as _;
 use std::ops::Range;
 
 use foxhound_core::guidance;
-use serde::Serialize;
 
 use super::{Row, SCENES, STRONG, Scene, WEATHERS, Weather, roomy, row};
 use crate::scenario::input::InputError;
-use crate::study::{Campaign, Study, Watch, seeds};
+use crate::study::{Campaign, seeds};
 
 /// Flights of each scene in each weather of the table, and of each scene and weather for each value of a constant.
 const IN_THE_TABLE: u64 = 100;
@@ -31,28 +30,11 @@ const CONSTANTS: [Constant; 8] = [
     ("lean_mps_per_rad", [0.0, 0.7, 2.1, 2.8], |config, value| config.wind.lean_mps_per_rad = value),
 ];
 
-/// The page that is written.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Page {
-    text: String,
-}
-
-impl Study for Page {
-    type Settings = Campaign;
-
-    const NAME: &'static str = "gusts";
-    const TITLE: &'static str = "Flights in gusts";
-
-    fn run(settings: &Campaign, _: Watch<'_>) -> Result<Self, InputError> {
-        written(settings).map(|text| Self { text })
-    }
-
-    fn table(&self) -> String {
-        self.text.clone()
-    }
-}
-
-fn written(settings: &Campaign) -> Result<String, InputError> {
+/// Flies all of it and writes the page.
+///
+/// # Errors
+/// A scenario is refused, or a flight cannot be flown.
+pub fn page(settings: &Campaign) -> Result<String, InputError> {
     let &Campaign { flights, is_development, tell } = settings;
     let seeds = |count| if is_development { seeds::development(count) } else { seeds::test(count) };
     let range = if is_development { "development" } else { "test" };

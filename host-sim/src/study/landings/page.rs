@@ -4,11 +4,10 @@
 use std::fmt::Write as _;
 
 use foxhound_core::{guidance, landing};
-use serde::Serialize;
 
 use super::{Row, SCENES, Scene, row};
 use crate::scenario::input::InputError;
-use crate::study::{Campaign, Study, Watch, seeds};
+use crate::study::{Campaign, seeds};
 
 /// Scenes in which constants are tried, and flights of each for each value.
 const TRIED: [&str; 2] = ["camera, gusts of 3 m/s", "camera, gusts of 3 m/s, PX4, no range finder"];
@@ -26,26 +25,13 @@ const CONSTANTS: [Constant; 6] = [
     ("arrival.arrive_m", [0.9, 1.5], |config, value| config.arrival.arrive_m = value),
 ];
 
-/// The page that is written.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Page {
-    text: String,
-}
-
-impl Study for Page {
-    type Settings = Campaign;
-
-    const NAME: &'static str = "landings";
-    const TITLE: &'static str = "Landings";
-
-    fn run(settings: &Campaign, _: Watch<'_>) -> Result<Self, InputError> {
-        let &Campaign { flights, is_development, tell } = settings;
-        if is_development { constants(flights, tell) } else { written(flights, tell) }.map(|text| Self { text })
-    }
-
-    fn table(&self) -> String {
-        self.text.clone()
-    }
+/// Flies all of it and writes the page.
+///
+/// # Errors
+/// A scenario is refused, or a flight cannot be flown.
+pub fn page(settings: &Campaign) -> Result<String, InputError> {
+    let &Campaign { flights, is_development, tell } = settings;
+    if is_development { constants(flights, tell) } else { written(flights, tell) }
 }
 
 const COLUMNS: &str = "flights | collisions | on the pad, to 0.15 m | beside it | handed over (within 1.5 m of the beacon) \

@@ -5,11 +5,9 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
-
 use super::{Failure, Row, Setting, World};
 use crate::scenario::input::InputError;
-use crate::study::{Study, Watch, matrix, seeds};
+use crate::study::{matrix, seeds};
 
 /// Pairs of start and goal in each of 20 forests.
 const PAIRS: usize = 4;
@@ -27,27 +25,6 @@ pub struct Settings {
     pub only: String,
     /// Called with what is flown next.
     pub tell: fn(&str),
-}
-
-/// The page that is written.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Page {
-    text: String,
-}
-
-impl Study for Page {
-    type Settings = Settings;
-
-    const NAME: &'static str = "matrix";
-    const TITLE: &'static str = "Every setting";
-
-    fn run(settings: &Settings, _: Watch<'_>) -> Result<Self, InputError> {
-        written(settings).map(|text| Self { text })
-    }
-
-    fn table(&self) -> String {
-        self.text.clone()
-    }
 }
 
 /// The worlds of each kind, for a hull of that radius.
@@ -68,8 +45,11 @@ fn worlds(hull_m: f64, settings: &Settings) -> Result<Vec<Kind>, InputError> {
     Ok(kinds)
 }
 
-/// The page.
-fn written(of: &Settings) -> Result<String, InputError> {
+/// Flies all of it and writes the page.
+///
+/// # Errors
+/// A world cannot be drawn, or a flight cannot be flown.
+pub fn page(of: &Settings) -> Result<String, InputError> {
     let settings: Vec<Setting> = matrix::product().into_iter().filter(|one| one.name().contains(&of.only)).collect();
     let by_hull = [worlds(matrix::HULLS_M[0], of)?, worlds(matrix::HULLS_M[1], of)?];
     let mut rows: Vec<(&str, Vec<Row>)> = by_hull[0].iter().map(|(name, _)| (*name, Vec::new())).collect();

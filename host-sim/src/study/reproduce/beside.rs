@@ -1,7 +1,7 @@
 //! How lines of published numbers beside ours are written.
 
 use crate::drive::suite::Tally;
-use crate::study::{Beside, Judgement, Study, Verdict};
+use crate::study::reproduce::{Beside, Judgement, Study, Verdict};
 
 pub(super) fn line<S: Study>(what: String, [published, theirs, ours]: [String; 3]) -> Beside {
     Beside { experiment: S::NAME.to_owned(), what, published, theirs, ours }

@@ -20,7 +20,7 @@ use super::chart::{Axis, Chart, Panel, Series};
 use super::settings::Settings;
 use super::{CONTENDERS, error_rad, estimators, phasors};
 use crate::scenario::input::InputError;
-use crate::study::{Beside, Judgement, Study, Verdict, Watch};
+use crate::study::reproduce::{Beside, Judgement, Study, Verdict, Watch};
 use crate::world::Pose;
 use crate::world::antennas::Antennas;
 use crate::world::random::Random;
@@ -118,8 +118,6 @@ impl Errors {
 }
 
 impl Study for Report {
-    type Settings = Settings;
-
     const NAME: &'static str = "aoa-circle";
     const TITLE: &'static str = "Bearings around a circle of 5 m, without noise";
     const SOURCE: &'static str = "main paper, fig. 8";

@@ -24,7 +24,7 @@ use super::chart::{Axis, Chart, Panel, Series};
 use super::settings::Settings;
 use super::{CONTENDERS, error_rad, estimators, phasors};
 use crate::scenario::input::InputError;
-use crate::study::{Beside, Study, Watch};
+use crate::study::reproduce::{Beside, Study, Watch};
 use crate::world::Pose;
 use crate::world::antennas::Antennas;
 use crate::world::random::Random;
@@ -216,8 +216,6 @@ fn bound_rad(antennas: &Antennas, n: usize, snr_db: f64) -> f64 {
 }
 
 impl Study for Report {
-    type Settings = Settings;
-
     const NAME: &'static str = "aoa-crb";
     const TITLE: &'static str = "Bearings over the Cramer-Rao bound";
     const SOURCE: &'static str = "theory; the main paper has no noise";

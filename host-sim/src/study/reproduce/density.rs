@@ -26,7 +26,7 @@ use super::settings::Settings;
 use crate::drive::maps::{self, TABLE_I};
 use crate::drive::suite::{self, Selection, Tally, wilson_95};
 use crate::scenario::input::InputError;
-use crate::study::{Beside, Judgement, Study, Verdict, Watch};
+use crate::study::reproduce::{Beside, Judgement, Study, Verdict, Watch};
 
 mod flights;
 
@@ -150,8 +150,6 @@ fn near(tally: &Tally, independent: f64) -> bool {
 }
 
 impl Study for Report {
-    type Settings = Settings;
-
     const NAME: &'static str = "apf-density";
     const TITLE: &'static str = "Planners on maps of growing obstacle density";
     const SOURCE: &'static str = "main paper, Table I, fig. 9 and 10";

@@ -26,7 +26,7 @@ use crate::drive::computer::HostComputer;
 use crate::drive::flight::{Ending, Mission, Report as Flown, fly};
 use crate::scenario::input::InputError;
 use crate::scenario::{Bearing, Scenario, Wall};
-use crate::study::{Beside, Study, Watch};
+use crate::study::reproduce::{Beside, Study, Watch};
 use crate::world::random::Random;
 
 /// A kind of scenes.
@@ -233,8 +233,6 @@ pub fn scene(kind: Kind, seed: u64, index: u32) -> Scenario {
 }
 
 impl Study for Report {
-    type Settings = Settings;
-
     const NAME: &'static str = "multipath";
     const TITLE: &'static str = "The closed loop among walls that reflect";
     const SOURCE: &'static str = "no paper's: what the filters behind the bearing are worth";

@@ -24,7 +24,7 @@ use super::beside::{empty, judged, line, shown};
 use super::chart::{Axis, Chart, Panel, Series};
 use super::settings::Settings;
 use crate::scenario::input::InputError;
-use crate::study::{Beside, Judgement, Study, Verdict, Watch};
+use crate::study::reproduce::{Beside, Judgement, Study, Verdict, Watch};
 use crate::world::Horizontal;
 use crate::world::random::Random;
 
@@ -145,8 +145,6 @@ fn closed_form(p: f64, sigma_deg: f64) -> Result<f64, InputError> {
 }
 
 impl Study for Report {
-    type Settings = Settings;
-
     const NAME: &'static str = "stretch";
     const TITLE: &'static str = "Excess travel behind a turning antenna";
     const SOURCE: &'static str = "rotating vehicle's paper, fig. 3 and 4";

@@ -27,7 +27,7 @@ use super::potential::{Scene as Pictured, draw_heat, draw_surface};
 use super::settings::Settings;
 use crate::drive::flight::Ending;
 use crate::scenario::input::InputError;
-use crate::study::{Beside, Judgement, Study, Verdict, Watch};
+use crate::study::reproduce::{Beside, Judgement, Study, Verdict, Watch};
 use crate::world::{Horizontal, from_core};
 
 /// Repulsion constants that are tried.
@@ -277,8 +277,6 @@ impl Outcome {
 }
 
 impl Study for Report {
-    type Settings = Settings;
-
     const NAME: &'static str = "apf-variants";
     const TITLE: &'static str = "Four potential fields in four scenes with local minima";
     const SOURCE: &'static str = "variants paper, Table I, fig. 2 to 5";

@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use super::{Experiment, Settings};
 use crate::scenario::input::InputError;
 use crate::scenario::output;
-use crate::study::{Beside, Judgement};
+use crate::study::reproduce::{Beside, Judgement};
 
 mod page;
 

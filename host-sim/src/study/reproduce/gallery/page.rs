@@ -3,8 +3,8 @@
 use std::fmt::Write as _;
 
 use super::{REPORT, Shown, TABLE};
+use crate::study::reproduce::{Beside, Judgement};
 use crate::study::reproduce::{Experiment, PAPERS, Settings};
-use crate::study::{Beside, Judgement};
 
 const STYLE: &str = include_str!("page.css");
 

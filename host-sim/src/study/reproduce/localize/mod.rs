@@ -17,7 +17,7 @@ use serde_json::{Value, json};
 use crate::scenario::input::InputError;
 use crate::study::reproduce::beside::{empty, judged, line, shown};
 use crate::study::reproduce::settings::Settings;
-use crate::study::{Beside, Judgement, Study, Verdict, Watch};
+use crate::study::reproduce::{Beside, Judgement, Study, Verdict, Watch};
 
 /// Runs of the leg.
 const LEG_RUNS: u32 = 500;
@@ -34,8 +34,6 @@ pub struct Report {
 }
 
 impl Study for Report {
-    type Settings = Settings;
-
     const NAME: &'static str = "localize";
     const TITLE: &'static str = "Filters in sight and behind walls, paths on which bearings tell more";
     const SOURCE: &'static str = "mmWave paper, fig. 2 to 4, Table 2";

@@ -33,7 +33,7 @@ mod walls;
 use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
 
 use crate::scenario::input::InputError;
-use crate::study::Watch;
+use crate::study::reproduce::Watch;
 use crate::study::reproduce::settings::Settings;
 use agent::Kind;
 pub use report::Report;

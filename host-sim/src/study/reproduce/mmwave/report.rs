@@ -23,7 +23,7 @@ use crate::scenario::input::InputError;
 use crate::study::reproduce::beside::{self, empty, judged, percent, shown};
 use crate::study::reproduce::chart::{Axis, Chart, Panel, Series};
 use crate::study::reproduce::settings::Settings;
-use crate::study::{Beside, Judgement, Study, Verdict, Watch};
+use crate::study::reproduce::{Beside, Judgement, Study, Verdict, Watch};
 use crate::world::Horizontal;
 
 /// What the paper prints at 0.35 rad (table 3): success rate and duration over the baseline's, of the baseline, of the
@@ -245,8 +245,6 @@ impl Report {
 }
 
 impl Study for Report {
-    type Settings = Settings;
-
     const NAME: &'static str = "mmwave";
     const TITLE: &'static str = "Agents that look for a transmitter indoors";
     const SOURCE: &'static str = "mmWave paper, Table 3, fig. 5 and 6";
