@@ -2,9 +2,6 @@
 
 use serde::Serialize;
 
-/// Trials of each condition (paper, section IV).
-pub const TRIALS: u32 = 1200;
-
 /// What of the experiments can be chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Settings {
@@ -14,7 +11,7 @@ pub struct Settings {
     pub pairs: u32,
     /// Scenes of each kind, of `multipath`.
     pub scenes: u32,
-    /// Trials of each condition, of `stretch`.
+    /// Trials of each condition, of `stretch`: as many as its paper has (section IV).
     pub trials: u32,
     /// Scenarios, of `mmwave`: as many as the mmWave paper has.
     pub scenarios: u32,
@@ -22,6 +19,6 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { seed: 1, pairs: 100, scenes: 50, trials: TRIALS, scenarios: 200 }
+        Self { seed: 1, pairs: 100, scenes: 50, trials: 1200, scenarios: 200 }
     }
 }

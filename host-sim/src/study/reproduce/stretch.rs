@@ -1,7 +1,7 @@
 //! `stretch`: path over straight line of a vehicle that flies along the bearings of its turning antenna, outliers among them
 //! (fig. 3 and 4 of the paper of the rotating vehicle).
 //!
-//! From (50, 50) m to within 1 m of the source in steps of 0.1 m, [`TRIALS`] times for each outlier rate and noise. Three
+//! From (50, 50) m to within 1 m of the source in steps of 0.1 m, [`Settings::trials`] times for each outlier rate and noise. Three
 //! rules: the paper's, which follows each direction that it measures; a filter of the direction, which needs no position as the
 //! paper's needs none; and our default, which fuses the directions with the vehicle's own positions. All of them walk under
 //! the same draws. The filters know the noise, as a bearing brings its sigma with it, and take four in ten for outliers
@@ -32,8 +32,6 @@ pub mod lemmas;
 pub mod moving;
 
 mod walk;
-
-pub use super::settings::TRIALS;
 
 use walk::{Model, Outliers, REACHED_M, Rule, STEP_M, Walk};
 
@@ -380,22 +378,6 @@ fn histogram(values: &[f64], to: f64) -> Vec<(f64, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_greedy_stretch_is_that_of_the_closed_form_and_the_rows_are_those_of_the_figures() {
-        let report = Report::run(&Settings { trials: 40, ..Settings::default() }, &|_| ()).unwrap();
-        assert_eq!(report.rows.len(), OUTLIER_RATES.len() * SIGMAS_DEG.len());
-        for row in &report.rows {
-            // Five standard errors, and the step's own length.
-            let greedy = &row.greedy_stretch;
-            let off = (greedy.mean - row.closed_form).abs();
-            assert!(off < 5.0 * greedy.standard_error + 0.003 * row.closed_form, "{row:?}");
-            assert_eq!(greedy.given_up + row.filtered_stretch.given_up, 0, "{row:?}");
-        }
-        assert!(report.row(FIG_4_RATE, FIG_4_SIGMA_DEG).is_some() && report.row(1.0 / 3.0, 20.0).is_some());
-        let printed: Vec<f64> = report.rows.iter().filter_map(|row| row.paper.mean).collect();
-        assert_eq!(printed, [1.6]);
-    }
 
     #[test]
     fn a_histogram_counts_each_trial_once() {

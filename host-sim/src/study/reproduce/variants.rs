@@ -433,16 +433,4 @@ mod tests {
         assert!((run.time_s - exact_s).abs() < 0.02, "{} {exact_s}", run.time_s);
         assert!((run.length_m - (15.0 * 2.0_f64.sqrt() - TOLERANCE_M)).abs() < 0.01, "{}", run.length_m);
     }
-
-    #[test]
-    fn on_the_line_itself_only_the_sideways_push_gets_past_one_obstacle() {
-        let report = Report::run(&Settings::default(), &|_| ()).unwrap();
-        let one = |outcome: &Outcome, name| outcome.cells.iter().position(|cell| cell.algorithm == name).unwrap();
-        for name in ["khatib", "rizqi", "sun"] {
-            let cell = &report.printed_start.cells[one(&report.printed_start, name)];
-            assert_eq!((cell.reaching_settings, cell.agrees), (0, false), "{name}");
-        }
-        assert!(report.printed_start.cells[3].reaching_settings > 0);
-        assert!(report.beside.cells[0].reaching_settings > 0);
-    }
 }

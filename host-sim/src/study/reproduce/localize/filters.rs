@@ -139,10 +139,7 @@ impl Outcome {
 /// # Errors
 /// None that the built-in configuration could cause.
 pub fn run(seed: u64) -> Result<Report, InputError> {
-    run_with(seed, RUNS)
-}
-
-fn run_with(seed: u64, runs: usize) -> Result<Report, InputError> {
+    let runs = RUNS;
     let mut rows = Vec::new();
     let mut figures = [picture::Figure::default(), picture::Figure::default()];
 

@@ -379,21 +379,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_weight_lowers_the_covariance_and_no_obstacle_is_violated() {
-        let report = run();
-        assert_eq!(report.rows.len(), 8, "{}", report.table());
-        for row in &report.rows {
-            assert!(row.clearance_m >= 0.0 && row.left_m < 2.5, "{}", report.table());
-            assert_eq!(row.outcome, Outcome::Converged, "{}", report.table());
-        }
-        assert!(report.ratio("line_of_sight", FREE_STEP_M).unwrap() >= 2.3, "{}", report.table());
-        assert!(report.ratio("reflected", FREE_STEP_M).unwrap() > 1.0, "{}", report.table());
-        // What a hundred steps of 1 m allow.
-        let printed = report.ratio("line_of_sight", PRINTED_STEP_M).unwrap();
-        assert!(printed > 1.0 && printed < 1.5, "{}", report.table());
-    }
-
-    #[test]
     fn an_ellipse_has_the_directions_of_its_covariance() {
         // Long to the north-east.
         let farthest = ellipse(Horizontal { north: 0.0, east: 0.0 }, [2.5, 1.5, 2.5])
