@@ -143,23 +143,17 @@ pub(super) fn fly_published(
     Ok([fly(names[0])?, fly(names[1])?])
 }
 
-/// What was flown, by planner.
+/// What was flown.
 pub(super) struct AllFlown<'a> {
     pub(super) flights: &'a [Flight],
-    pub(super) standard: Column,
-    pub(super) paper: Column,
-    pub(super) standard_full_loop: Column,
-    pub(super) paper_full_loop: Column,
-    pub(super) ours: Column,
+    pub(super) by: Planners<Column>,
 }
 
 impl AllFlown<'_> {
     pub(super) fn columns(&self, takes: impl Fn(Place) -> bool) -> Columns {
-        let tally = |column: &Column| Tally::of(column.iter().filter(|flown| takes(flown.place)));
-        let compared = [&self.standard, &self.paper, &self.standard_full_loop, &self.paper_full_loop, &self.ours];
         let shared: Vec<usize> = (0..self.flights.len())
             .filter(|k| takes(self.flights[*k].place))
-            .filter(|k| compared.iter().all(|column| column[*k].result == Ending::Reached))
+            .filter(|k| self.by.named().iter().all(|(_, column)| column[*k].result == Ending::Reached))
             .collect();
         let relative = |column: &Column| {
             let ratio = |k: &usize| {
@@ -170,28 +164,17 @@ impl AllFlown<'_> {
             (!shared.is_empty()).then(|| sum / shared.len() as f64)
         };
         Columns {
-            standard: tally(&self.standard),
-            paper: tally(&self.paper),
-            standard_full_loop: tally(&self.standard_full_loop),
-            paper_full_loop: tally(&self.paper_full_loop),
-            ours: tally(&self.ours),
-            relative_length: RelativeLength {
-                pairs: shared.len(),
-                standard: relative(&self.standard),
-                paper: relative(&self.paper),
-                standard_full_loop: relative(&self.standard_full_loop),
-                paper_full_loop: relative(&self.paper_full_loop),
-                ours: relative(&self.ours),
-            },
+            tallies: self.by.map(|column| Tally::of(column.iter().filter(|flown| takes(flown.place)))),
+            relative_length: RelativeLength { pairs: shared.len(), of: self.by.map(relative) },
         }
     }
 
     /// The longest pair, of the third row if there is one, on which the others reach the goal and the baseline stalls.
     pub(super) fn pictured(&self, rules: Rules) -> Result<Option<Pictured>, InputError> {
         let tells = |k: &usize| {
-            self.standard[*k].result == Ending::Timeout
-                && self.paper[*k].result == Ending::Reached
-                && self.ours[*k].result == Ending::Reached
+            self.by.standard[*k].result == Ending::Timeout
+                && self.by.paper[*k].result == Ending::Reached
+                && self.by.ours[*k].result == Ending::Reached
         };
         let in_row = |row: u32| {
             let pairs = (0..self.flights.len()).filter(|k| self.flights[*k].place.row == row).filter(tells);
@@ -236,19 +219,49 @@ impl Pictured {
     }
 }
 
-/// Which planner, with which model of motion.
+/// Something of each planner, with its model of motion.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Planners<T> {
+    /// The paper's baseline as published.
+    pub standard: T,
+    /// The paper's planner as published.
+    pub paper: T,
+    /// The baseline with dynamics, tracker and guard.
+    pub standard_full_loop: T,
+    /// The paper's planner with dynamics, tracker and guard.
+    pub paper_full_loop: T,
+    /// Ours with dynamics, tracker and guard.
+    pub ours: T,
+}
+
+impl<T> Planners<T> {
+    pub(super) fn named(&self) -> [(&'static str, &T); 5] {
+        [
+            ("standard", &self.standard),
+            ("paper", &self.paper),
+            ("standard in loop", &self.standard_full_loop),
+            ("paper in loop", &self.paper_full_loop),
+            ("Foxhound in loop", &self.ours),
+        ]
+    }
+
+    fn map<U>(&self, of: impl Fn(&T) -> U) -> Planners<U> {
+        Planners {
+            standard: of(&self.standard),
+            paper: of(&self.paper),
+            standard_full_loop: of(&self.standard_full_loop),
+            paper_full_loop: of(&self.paper_full_loop),
+            ours: of(&self.ours),
+        }
+    }
+}
+
+/// How all planners flew.
 #[derive(Clone, Debug, Serialize)]
 pub struct Columns {
-    /// The paper's baseline as published.
-    pub standard: Tally,
-    /// The paper's planner as published.
-    pub paper: Tally,
-    /// The baseline with dynamics, tracker and guard.
-    pub standard_full_loop: Tally,
-    /// The paper's planner with dynamics, tracker and guard.
-    pub paper_full_loop: Tally,
-    /// Ours with dynamics, tracker and guard.
-    pub ours: Tally,
+    /// How many arrived, and the like.
+    #[serde(flatten)]
+    pub tallies: Planners<Tally>,
     /// Length over the straight line.
     pub relative_length: RelativeLength,
 }
@@ -258,33 +271,7 @@ pub struct Columns {
 pub struct RelativeLength {
     /// How many pairs.
     pub pairs: usize,
-    /// The baseline's.
-    pub standard: Option<f64>,
-    /// The paper's.
-    pub paper: Option<f64>,
-    /// The baseline's, with dynamics.
-    pub standard_full_loop: Option<f64>,
-    /// The paper's, with dynamics.
-    pub paper_full_loop: Option<f64>,
-    /// Ours, with dynamics.
-    pub ours: Option<f64>,
-}
-
-impl RelativeLength {
-    /// In the order of [`Columns::named`].
-    pub(super) fn named(&self) -> [Option<f64>; 5] {
-        [self.standard, self.paper, self.standard_full_loop, self.paper_full_loop, self.ours]
-    }
-}
-
-impl Columns {
-    pub(super) fn named(&self) -> [(&'static str, &Tally); 5] {
-        [
-            ("standard", &self.standard),
-            ("paper", &self.paper),
-            ("standard in loop", &self.standard_full_loop),
-            ("paper in loop", &self.paper_full_loop),
-            ("Foxhound in loop", &self.ours),
-        ]
-    }
+    /// The lengths.
+    #[serde(flatten)]
+    pub of: Planners<Option<f64>>,
 }
