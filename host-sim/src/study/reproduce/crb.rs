@@ -7,15 +7,13 @@
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc;
-use std::thread;
 
 use foxhound_core::ConfigError;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::signal::phase;
 use foxhound_papers::aoa::AnyBearingEstimator;
+use rayon::prelude::{IntoParallelIterator as _, ParallelIterator as _};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -119,42 +117,6 @@ impl Sum {
     }
 }
 
-fn run_with(seed: u64, repeats: usize) -> Result<Report, InputError> {
-    // The longest frames first, so that no core is left with one at the end.
-    let cases: Vec<(usize, u8)> =
-        LENGTHS.iter().rev().flat_map(|n| SNRS_DB.iter().map(|snr_db| (*n, *snr_db))).collect();
-    let next = AtomicUsize::new(0);
-    let (sender, receiver) = mpsc::channel();
-    let workers = thread::available_parallelism().map_or(1, usize::from);
-    let mut rows: Vec<(usize, Row)> = thread::scope(|scope| {
-        for _ in 0..workers {
-            let (sender, next, cases) = (sender.clone(), &next, &cases);
-            scope.spawn(move || {
-                while let Some((n, snr_db)) = cases.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    if sender.send(case(*n, *snr_db, seed, repeats)).is_err() {
-                        break;
-                    }
-                }
-            });
-        }
-        drop(sender);
-        receiver.into_iter().map(|row| row.map(|row| (row.n, row))).collect::<Result<_, _>>()
-    })?;
-    rows.sort_by(|a, b| (a.0, a.1.snr_db).partial_cmp(&(b.0, b.1.snr_db)).unwrap_or(std::cmp::Ordering::Equal));
-    let rows: Vec<Row> = rows.into_iter().map(|(_, row)| row).collect();
-    let by_azimuth = (0..SECTORS).map(|sector| {
-        let counted = rows.iter().filter(|row| row.n == SECTOR_LENGTH && row.snr_db >= f64::from(SECTOR_SNR_DB));
-        let sum = counted.fold(Sum::default(), |sum, row| Sum {
-            squares: sum.squares + row.by_sector[sector].squares,
-            count: sum.count + row.by_sector[sector].count,
-            gross: 0,
-        });
-        let azimuth_deg = 360.0 / SECTORS as f64 * sector as f64;
-        Sector { azimuth_deg, frames: sum.count, over_bound: sum.rms() }
-    });
-    Ok(Report { experiment: "aoa-crb", by_azimuth: by_azimuth.collect(), rows })
-}
-
 fn case(n: usize, snr_db: u8, seed: u64, repeats: usize) -> Result<Row, ConfigError> {
     match n {
         64 => case_of::<64>(snr_db, seed, repeats),
@@ -228,7 +190,20 @@ impl Study for Report {
     }
 
     fn run(settings: &Settings, _: Watch<'_>) -> Result<Self, InputError> {
-        run_with(settings.seed, REPEATS)
+        let cases: Vec<(usize, u8)> = LENGTHS.into_iter().flat_map(|n| SNRS_DB.map(|snr_db| (n, snr_db))).collect();
+        let rows = cases.into_par_iter().map(|(n, snr_db)| case(n, snr_db, settings.seed, REPEATS));
+        let rows = rows.collect::<Result<Vec<Row>, ConfigError>>()?;
+        let by_azimuth = (0..SECTORS).map(|sector| {
+            let counted = rows.iter().filter(|row| row.n == SECTOR_LENGTH && row.snr_db >= f64::from(SECTOR_SNR_DB));
+            let sum = counted.fold(Sum::default(), |sum, row| Sum {
+                squares: sum.squares + row.by_sector[sector].squares,
+                count: sum.count + row.by_sector[sector].count,
+                gross: 0,
+            });
+            let azimuth_deg = 360.0 / SECTORS as f64 * sector as f64;
+            Sector { azimuth_deg, frames: sum.count, over_bound: sum.rms() }
+        });
+        Ok(Self { experiment: "aoa-crb", by_azimuth: by_azimuth.collect(), rows })
     }
 
     fn table(&self) -> String {
