@@ -11,10 +11,6 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use foxhound_core::ConfigError;
-use foxhound_core::doa::bearing::Estimator;
-use foxhound_core::guidance;
-use foxhound_core::planning::planner;
 use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -22,10 +18,10 @@ use serde_json::{Value, json};
 use super::beside::{empty, line};
 use super::chart::{Axis, Bar, Bars, Chart, Panel};
 use super::settings::Settings;
-use crate::drive::computer::HostComputer;
-use crate::drive::flight::{Ending, Mission, Report as Flown, fly};
+use crate::drive::flight::{Ending, Report as Flown};
 use crate::scenario::input::InputError;
 use crate::scenario::{Bearing, Scenario, Wall};
+use crate::study::flight;
 use crate::study::reproduce::{Beside, Study, Watch};
 use crate::world::random::Random;
 
@@ -137,28 +133,6 @@ fn row(kind: Kind, chain: Chain, index: usize, pairs: &[&[Flown; 2]]) -> Row {
     }
 }
 
-/// The configuration of a chain.
-fn config(mission: &Mission, chain: Chain) -> guidance::Config {
-    let mut config = mission.guidance();
-    if chain == Chain::Without {
-        (config.reflections, config.planner.explore) = (false, None);
-    }
-    config
-}
-
-fn flown(scenario: &Scenario, seed: u64, chain: Chain) -> Result<Flown, InputError> {
-    let mission = Mission {
-        scenario: scenario.clone(),
-        seed,
-        planner: planner::Config::default(),
-        estimator: Estimator::CrossSpectrum,
-    };
-    let refused = |error: ConfigError| InputError::new(error.to_string());
-    let mut computer = HostComputer::new(&config(&mission, chain)).map_err(refused)?;
-    let record = fly(&mission, &mut computer, None, |_| ()).map_err(|error| InputError::new(error.to_string()))?;
-    Ok(record.report)
-}
-
 /// A scene of a kind. Different seeds and indices give different ones.
 #[must_use]
 pub fn scene(kind: Kind, seed: u64, index: u32) -> Scenario {
@@ -260,7 +234,11 @@ impl Study for Report {
             .par_iter()
             .map(|(_, scenario, seed)| {
                 let flight = |chain| {
-                    let flown = flown(scenario, settings.seed.wrapping_add(*seed), chain);
+                    let flown = flight::report(scenario.clone(), settings.seed.wrapping_add(*seed), |config| {
+                        if chain == Chain::Without {
+                            (config.reflections, config.planner.explore) = (false, None);
+                        }
+                    });
                     watch(done.fetch_add(1, Ordering::Relaxed) + 1);
                     flown
                 };
