@@ -211,10 +211,7 @@ impl Study for Report {
     /// The mean errors beside the paper's.
     fn verdict(&self) -> Vec<Beside> {
         let at = |height_m: f64| {
-            let mean = |estimator: &str| {
-                let mut rows = self.rows.iter().filter(|row| row.phases == Phases::Frames && row.height_m == height_m);
-                rows.find(|row| row.estimator == estimator).map_or(f64::NAN, |row| row.ours.mean_deg)
-            };
+            let mean = |estimator: &str| self.mean_deg(height_m, estimator);
             let theirs = format!("{:.2} deg; its rule repaired: {:.2} deg", mean("paper"), mean("paper_repaired"));
             let words = [format!("{} deg", PAPER_MEAN_DEG), theirs, format!("{:.4} deg", mean("cross"))];
             line::<Self>(format!("mean error, source {height_m} m above the array"), words)
@@ -223,10 +220,7 @@ impl Study for Report {
     }
 
     fn judgements(&self) -> Vec<Judgement> {
-        let mean = |height_m: f64, estimator: &str| {
-            let mut rows = self.rows.iter().filter(|row| row.phases == Phases::Frames && row.height_m == height_m);
-            rows.find(|row| row.estimator == estimator).map_or(f64::NAN, |row| row.ours.mean_deg)
-        };
+        let mean = |height_m: f64, estimator: &str| self.mean_deg(height_m, estimator);
         let repaired = HEIGHTS_M.map(|height_m| mean(height_m, "paper_repaired"));
         let nearest =
             repaired.into_iter().min_by(|a, b| (a - PAPER_MEAN_DEG).abs().total_cmp(&(b - PAPER_MEAN_DEG).abs()));
@@ -241,6 +235,14 @@ impl Study for Report {
         );
         let verdict = Verdict::of((nearest - PAPER_MEAN_DEG).abs() <= 0.1 * PAPER_MEAN_DEG, ours <= PAPER_MEAN_DEG);
         vec![judged::<Self>("main paper, fig. 8", verdict, why)]
+    }
+}
+
+impl Report {
+    /// The mean error of an estimator through frames.
+    fn mean_deg(&self, height_m: f64, estimator: &str) -> f64 {
+        let mut rows = self.rows.iter().filter(|row| row.phases == Phases::Frames && row.height_m == height_m);
+        rows.find(|row| row.estimator == estimator).map_or(f64::NAN, |row| row.ours.mean_deg)
     }
 }
 

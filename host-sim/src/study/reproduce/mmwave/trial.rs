@@ -49,8 +49,6 @@ pub(super) struct Trial {
     pub(super) length_m: f64,
     /// Control cycles.
     pub(super) cycles: u32,
-    /// Walls that were felt, not seen.
-    pub(super) bumps: u32,
     /// The path.
     pub(super) path: Vec<Horizontal>,
     /// Points of the map at the end.
@@ -100,7 +98,7 @@ pub(super) fn search(plan: &Plan, start: &Start, kind: Kind, noise: Noise) -> Re
     let mut known = Known::new(plan);
     let mut navigator = Navigator { way: Vec::new(), goal: None };
     let mut place = start.place;
-    let mut trial = Trial { found: false, length_m: 0.0, cycles: 0, bumps: 0, path: vec![place], points: Vec::new() };
+    let mut trial = Trial { found: false, length_m: 0.0, cycles: 0, path: vec![place], points: Vec::new() };
     for cycle in 0..=CYCLES_MAX {
         trial.cycles = cycle;
         if is_found(plan, start.transmitter, place) {
@@ -126,7 +124,6 @@ pub(super) fn search(plan: &Plan, start: &Start, kind: Kind, noise: Noise) -> Re
         } else {
             // A wall that no ray has met stops it all the same, and is felt.
             known.keep_off(plan.nearest_of_walls(next));
-            trial.bumps += 1;
         }
     }
     trial.points = known.points().to_vec();
