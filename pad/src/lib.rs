@@ -71,7 +71,6 @@ const AREA_MIN: u32 = 24;
 
 /// Pixels of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Format {
     /// Two bytes a pixel, the low one first: red in the top five bits, green in six, blue in five.
     #[default]
@@ -91,7 +90,6 @@ impl Format {
 
 /// Header of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Header {
     /// When it was exposed.
     pub time: Instant,

@@ -49,7 +49,6 @@ const LAST: u8 = (COUNT - 1) as u8;
 
 /// What a station wants done with the stored parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Storage {
     /// Store the values in use.
     Save,
