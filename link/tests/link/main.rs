@@ -4,7 +4,6 @@
 mod bench;
 mod carriers;
 mod core_reader;
-mod dialect;
 mod entry;
 mod exam;
 mod failsafes;
