@@ -30,7 +30,7 @@
 //! * Forgery: a checksum is no signature.
 //! * Chance: a damaged or false frame with a published id passes one time in 65 536.
 //! * Delay: a false start that looks like a frame holds back the bytes behind it until it is complete, at most
-//!   [`FRAME_MAX`]. On a line that has gone quiet, or at the end of a recording, [`Framer::give_up`] releases them.
+//!   [`FRAME_MAX`].
 //! * Load: bytes made to look like the start of a long frame every 5 bytes cost 56 bytes of checksum each.
 
 mod candidate;
@@ -228,12 +228,6 @@ impl Framer {
     #[must_use]
     pub const fn waiting(&self) -> usize {
         self.end - self.start
-    }
-
-    /// Gives up the candidate that waits for more bytes, as if its checksum had failed. For a line that has gone quiet
-    /// and for the end of a recording: call it and fetch frames while any bytes are [waiting](Self::waiting).
-    pub fn give_up(&mut self) {
-        self.skip(self.waiting().min(1));
     }
 
     /// The counts so far.
