@@ -1,11 +1,11 @@
-"""Prints link/src/framer/table.rs: id, CRC_EXTRA and lengths of every published message.
+"""Prints link/src/framer/table.rs: id, CRC_EXTRA and length of every published message.
 
     git clone https://github.com/mavlink/mavlink && git -C mavlink checkout de1e078a3a7c53c9262a95b7417959a0f8bf4150
     python3 -m venv venv && venv/bin/pip install pymavlink==2.4.50
     venv/bin/python make_known.py mavlink/message_definitions/v1.0 > ../src/framer/table.rs
 
 The messages are those of all.xml (common, ardupilotmega, development and the vendors' dialects) in the folders named and
-in pymavlink's own. Where two sets know a message they must agree on everything but later extensions.
+in pymavlink's own. Where two sets know a message they must agree on both.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ from pymavlink.generator import mavparse
 
 
 def messages(folder, root="all.xml"):
-    """id -> (CRC_EXTRA, length without extensions, length with them, name), with all includes."""
+    """id -> (CRC_EXTRA, length without extensions, name), with all includes."""
     found, files, seen = {}, [root], set()
     while files:
         name = files.pop()
@@ -29,7 +29,7 @@ def messages(folder, root="all.xml"):
         files += xml.include
         for message in xml.message:
             extra = mavparse.message_checksum(message)
-            found[message.id] = (extra, message.wire_min_length, message.wire_length, message.name)
+            found[message.id] = (extra, message.wire_min_length, message.name)
     return found
 
 
@@ -40,10 +40,9 @@ def pymavlinks():
 def merged(sets):
     table = {}
     for one in sets:
-        for number, (extra, shortest, longest, name) in one.items():
-            was = table.get(number, (extra, shortest, longest, name))
-            assert was[:2] == (extra, shortest), f"{number}: {was} or {(extra, shortest, longest, name)}"
-            table[number] = (extra, shortest, max(longest, was[2]), name)
+        for number, row in one.items():
+            was = table.setdefault(number, row)
+            assert was[:2] == row[:2], f"{number}: {was} or {row}"
     return dict(sorted(table.items()))
 
 
@@ -67,4 +66,3 @@ if __name__ == "__main__":
     rows = list(table.values())
     array("The byte that fixes a message's layout, in the order of [`IDS`].", "EXTRAS", "u8", [row[0] for row in rows])
     array("Length of the payload without extensions.", "SHORTEST", "u8", [row[1] for row in rows])
-    array("Length of the payload with all extensions that were known.", "LONGEST", "u8", [row[2] for row in rows])

@@ -199,7 +199,7 @@ fn every_published_message_that_pymavlink_knows_is_in_our_table_as_it_knows_it()
     let mut table = String::new();
     for id in known_ids() {
         let known = known(id).unwrap();
-        writeln!(table, "{id} {} {} {}", known.extra, known.shortest, known.longest).unwrap();
+        writeln!(table, "{id} {} {}", known.extra, known.shortest).unwrap();
     }
     let output = peer("check_known.py", &[], table);
     assert!(output.contains("all checks passed"), "{output}");
