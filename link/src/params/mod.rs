@@ -138,7 +138,6 @@ pub struct Params {
     errand: Option<Errand>,
     ack: Option<(MavResult, (u8, u8))>,
     trouble: Option<Worded>,
-    is_unsaved: bool,
     due: Instant,
 }
 
@@ -155,7 +154,6 @@ impl Params {
             errand: None,
             ack: None,
             trouble: None,
-            is_unsaved: false,
             due: Instant(0),
         }
     }
@@ -164,12 +162,6 @@ impl Params {
     #[must_use]
     pub const fn values(&self) -> &Values {
         &self.values
-    }
-
-    /// Whether a value was set since the last save.
-    #[must_use]
-    pub const fn is_unsaved(&self) -> bool {
-        self.is_unsaved
     }
 
     /// Whether a message may be about parameters.
@@ -265,8 +257,9 @@ impl Params {
     pub fn settle(&mut self, verdict: Result<(), ConfigError>) {
         let Some((id, value)) = self.sets.pop_front() else { return };
         match verdict {
+            // Was checked when it was received.
             Ok(()) => {
-                self.is_unsaved |= self.values.set(id, value).is_ok();
+                self.values.set(id, value).ok();
             }
             Err(error) => self.object(Trouble::Config(id, value, error)),
         }
@@ -284,9 +277,6 @@ impl Params {
     /// [replaced](Self::replace) before.
     pub fn stored(&mut self, is_done: bool) {
         let Some(errand) = self.errand.take() else { return };
-        if is_done {
-            self.is_unsaved = false;
-        }
         self.answer(
             if is_done { MavResult::MAV_RESULT_ACCEPTED } else { MavResult::MAV_RESULT_FAILED },
             errand.station,
