@@ -45,7 +45,6 @@ mod write;
 pub use content::Content;
 pub use known::{Known, known, known_ids};
 pub use mavlink_core::MavlinkVersion;
-pub use senders::Sender;
 pub(crate) use write::Packed;
 pub use write::{encode, encode_data};
 
@@ -234,12 +233,6 @@ impl Framer {
     #[must_use]
     pub const fn counters(&self) -> Counters {
         self.counters
-    }
-
-    /// The eight most recent senders, the latest first.
-    #[must_use]
-    pub fn senders(&self) -> &[Sender] {
-        self.senders.all()
     }
 
     fn candidates(&self) -> &[u8] {
