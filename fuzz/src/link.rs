@@ -117,17 +117,12 @@ pub fn link(case: &[u8]) -> Reached {
 fn config(draw: &mut Draw<'_>) -> companion::Config {
     companion::Config {
         system_id: if draw.below(8) == 0 { draw.byte() } else { 1 },
-        position_hz: draw.field(50.0, 0.0, 250.0),
-        setpoint_period_ms: if draw.below(8) == 0 { u16::from(draw.byte()) } else { 50 },
         setpoint_age_max_s: draw.field(0.25, 0.0, 1.0),
-        speed_max_mps: draw.field(20.0, 0.0, 30.0),
         yaw: if draw.below(3) == 0 { Yaw::Angle } else { Yaw::Rate },
         heartbeat_timeout_s: draw.field(2.5, 1.0, 10.0),
         silence_after_s: draw.field(5.0, 1.0, 30.0),
-        fresh_entry_after_silence: draw.flag(),
         prestream: draw.flag(),
         obstacle_frame: [ObstacleFrame::Auto, ObstacleFrame::Field, ObstacleFrame::Body][usize::from(draw.below(3))],
-        obstacle_age_max_s: draw.field(0.5, 0.0, 5.0),
         battery_min_percent: if draw.below(8) == 0 { 30.0 } else { 0.0 },
         switch_channel: draw.byte().saturating_sub(237),
         landing_target: draw.flag(),
@@ -317,7 +312,7 @@ impl Flight {
         let key = self.companion.signing().map(|signing| signing.key().clone());
         let length = self.companion.transmit(&mut sink[..room]);
         assert!(length <= room);
-        self.reached.usable += self.listener.hear(now, &sink[..length], room, key, &self.config, &self.polls);
+        self.reached.usable += self.listener.hear(now, &sink[..length], room, key, &self.polls);
         length
     }
 

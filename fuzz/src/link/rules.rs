@@ -10,7 +10,10 @@ use foxhound_core::control::guard::Setpoint;
 use foxhound_core::guidance::Output;
 use foxhound_core::guidance::mission::Control;
 use foxhound_core::guidance::param::{Id, Values};
-use foxhound_link::companion::{self, Autopilot, Companion, Software, TYPE_MASK, TYPE_MASK_YAW, Yaw};
+use foxhound_link::companion::{
+    self, Autopilot, Companion, SETPOINT_PERIOD_MS, SPEED_MAX_MPS, Software, TYPE_MASK, TYPE_MASK_YAW,
+    YAW_RATE_MAX_RADPS, Yaw,
+};
 use foxhound_link::dialect::{MavMessage, SET_POSITION_TARGET_LOCAL_NED_DATA};
 use foxhound_link::failsafe::Cause;
 use foxhound_link::framer::Framer;
@@ -193,7 +196,6 @@ impl Listener {
         bytes: &[u8],
         room: usize,
         key: Option<Key>,
-        config: &companion::Config,
         polls: &VecDeque<Poll>,
     ) -> u32 {
         let mut moving = 0;
@@ -213,7 +215,7 @@ impl Listener {
                 }
                 match frame.message() {
                     Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) => {
-                        check_setpoint(config, polls, (!self.in_flight).then_some(now), &target);
+                        check_setpoint(polls, (!self.in_flight).then_some(now), &target);
                         moving += u32::from([target.vx, target.vy, target.vz, target.yaw_rate] != [0.0; 4]);
                     }
                     Some(message) => check_message(&message, self.are_angles),
@@ -255,22 +257,17 @@ fn check_message(message: &MavMessage, are_angles: bool) {
 
 /// A setpoint must be one that was allowed at the poll that made it. `now` is the time when it began to leave, if that
 /// is known: then the poll must not be farther back than the time from setpoint to setpoint.
-fn check_setpoint(
-    config: &companion::Config,
-    polls: &VecDeque<Poll>,
-    now: Option<Instant>,
-    target: &SET_POSITION_TARGET_LOCAL_NED_DATA,
-) {
+fn check_setpoint(polls: &VecDeque<Poll>, now: Option<Instant>, target: &SET_POSITION_TARGET_LOCAL_NED_DATA) {
     assert_eq!(target.coordinate_frame, LOCAL_NED, "{target:?}");
     let ignored = [target.x, target.y, target.z, target.afx, target.afy, target.afz];
     assert!(ignored.iter().all(|number| *number == 0.0), "{target:?}");
     let speed = [target.vx, target.vy, target.vz].map(f64::from).iter().map(|v| v * v).sum::<f64>().sqrt();
-    assert!(speed <= f64::from(config.speed_max_mps) * 1.000_1, "{target:?}");
-    assert!(target.yaw.is_finite() && target.yaw_rate.abs() <= config.yaw_rate_max_radps, "{target:?}");
+    assert!(speed <= f64::from(SPEED_MAX_MPS) * 1.000_1, "{target:?}");
+    assert!(target.yaw.is_finite() && target.yaw_rate.abs() <= YAW_RATE_MAX_RADPS, "{target:?}");
 
     let made_at = |poll: &&Poll| (poll.time.0 / 1_000) as u32 == target.time_boot_ms;
     let recent =
-        |poll: &Poll| now.is_none_or(|now| now.micros_since(poll.time) <= 1_000 * u64::from(config.setpoint_period_ms));
+        |poll: &Poll| now.is_none_or(|now| now.micros_since(poll.time) <= 1_000 * u64::from(SETPOINT_PERIOD_MS));
     // Two polls within a millisecond have the same name.
     let allowed = polls.iter().filter(made_at).any(|poll| recent(poll) && poll.allows(target));
     let made: Vec<_> = polls.iter().filter(made_at).collect();

@@ -8,6 +8,8 @@ use crate::clock::{PeerClock, is_over};
 
 /// Ownship older than this is of no use.
 const OWNSHIP_AGE_MAX_S: f32 = 0.5;
+/// A scan, or points, that were not fetched for this long are dropped.
+const OBSTACLE_AGE_MAX_S: f32 = 0.5;
 /// A setpoint that waits for the wire longer than this is counted as late.
 const LATE_US: u64 = 200_000;
 /// Damaged frames are counted over this long, and there must be some frames at all.
@@ -19,9 +21,8 @@ impl Companion {
     #[inline(never)]
     pub(super) fn age(&mut self) {
         let now = self.now;
-        let obstacle_age_max_s = self.config.obstacle_age_max_s;
-        self.turns.age(now, obstacle_age_max_s);
-        if self.points.as_ref().is_some_and(|points| is_over(now, points.time, obstacle_age_max_s)) {
+        self.turns.age(now, OBSTACLE_AGE_MAX_S);
+        if self.points.as_ref().is_some_and(|points| is_over(now, points.time, OBSTACLE_AGE_MAX_S)) {
             self.points = None;
         }
         let is_young = |ownship: &Ownship| {

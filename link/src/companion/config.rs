@@ -35,37 +35,19 @@ pub struct Config {
     pub system_id: u8,
     /// Our component id.
     pub component_id: u8,
-    /// Wanted rate of `LOCAL_POSITION_NED`; 0 leaves it to the autopilot.
-    pub position_hz: f32,
-    /// Wanted rate of ATTITUDE; 0 leaves it to the autopilot.
-    pub attitude_hz: f32,
-    /// Wanted rate of `OBSTACLE_DISTANCE` and `DISTANCE_SENSOR`; 0 leaves them to the autopilot.
-    pub obstacle_hz: f32,
-    /// Wanted rate of `EXTENDED_SYS_STATE` and of the messages about the vehicle's health; 0 leaves them to the
-    /// autopilot.
-    pub landed_hz: f32,
-    /// Time from setpoint to setpoint.
-    pub setpoint_period_ms: u16,
     /// A published setpoint older than this is replaced by zero velocity.
     pub setpoint_age_max_s: f32,
-    /// A published setpoint faster than this is a fault and replaced by zero velocity.
-    pub speed_max_mps: f32,
-    /// A published setpoint that turns faster than this is a fault and replaced by zero velocity.
-    pub yaw_rate_max_radps: f32,
     /// How a setpoint turns the vehicle.
     pub yaw: Yaw,
     /// Without a heartbeat of the autopilot for this long, the link is lost.
     pub heartbeat_timeout_s: f32,
-    /// Without a heartbeat of the autopilot for this long, no setpoints are sent.
+    /// Without a heartbeat of the autopilot for this long, no setpoints are sent, and control comes back only when the
+    /// mode is left and entered again.
     pub silence_after_s: f32,
-    /// After such a silence, whether control comes back only when the mode is left and entered again.
-    pub fresh_entry_after_silence: bool,
     /// Whether PX4 is sent zero velocity outside OFFBOARD, so that its pilot can enter OFFBOARD.
     pub prestream: bool,
     /// What the angles of `OBSTACLE_DISTANCE` count from.
     pub obstacle_frame: ObstacleFrame,
-    /// A scan, or points, that were not fetched for this long are dropped.
-    pub obstacle_age_max_s: f32,
     /// Below this battery level, in percent, the vehicle is not flown; 0 leaves it to what the autopilot calls
     /// critical.
     pub battery_min_percent: f32,
@@ -89,21 +71,12 @@ impl Default for Config {
         Self {
             system_id: 1,
             component_id: 191,
-            position_hz: 50.0,
-            attitude_hz: 50.0,
-            obstacle_hz: 10.0,
-            landed_hz: 2.0,
-            setpoint_period_ms: 50,
             setpoint_age_max_s: 0.25,
-            speed_max_mps: 20.0,
-            yaw_rate_max_radps: 4.0,
             yaw: Yaw::Rate,
             heartbeat_timeout_s: 2.5,
             silence_after_s: 5.0,
-            fresh_entry_after_silence: true,
             prestream: true,
             obstacle_frame: ObstacleFrame::Auto,
-            obstacle_age_max_s: 0.5,
             battery_min_percent: 0.0,
             switch_channel: 0,
             landing_target: false,
@@ -187,37 +160,21 @@ impl Config {
     }
 
     fn check_each(&self) -> Result<(), ConfigError> {
-        static RANGES: [(&str, f32, f32); 15] = [
+        static RANGES: [(&str, f32, f32); 7] = [
             ("link.system_id", 1.0, 254.0),
             ("link.component_id", 2.0, 255.0),
-            ("link.position_hz", 0.0, 200.0),
-            ("link.attitude_hz", 0.0, 200.0),
-            ("link.obstacle_hz", 0.0, 50.0),
-            ("link.landed_hz", 0.0, 50.0),
-            ("link.setpoint_period_ms", 10.0, 100.0),
             ("link.setpoint_age_max_s", 0.05, 1.0),
-            ("link.speed_max_mps", 0.1, 30.0),
-            ("link.yaw_rate_max_radps", 0.1, 10.0),
             ("link.heartbeat_timeout_s", 1.5, 10.0),
             ("link.silence_after_s", 1.5, 30.0),
-            ("link.obstacle_age_max_s", 0.05, 5.0),
             ("link.battery_min_percent", 0.0, 100.0),
             ("link.switch_channel", 0.0, 18.0),
         ];
         let values = [
             f32::from(self.system_id),
             f32::from(self.component_id),
-            self.position_hz,
-            self.attitude_hz,
-            self.obstacle_hz,
-            self.landed_hz,
-            f32::from(self.setpoint_period_ms),
             self.setpoint_age_max_s,
-            self.speed_max_mps,
-            self.yaw_rate_max_radps,
             self.heartbeat_timeout_s,
             self.silence_after_s,
-            self.obstacle_age_max_s,
             self.battery_min_percent,
             f32::from(self.switch_channel),
         ];

@@ -62,6 +62,12 @@ pub use crate::sources::Source;
 pub const TYPE_MASK: u16 = 0x05C7;
 /// Ignore position, acceleration and yaw rate; obey velocity and yaw.
 pub const TYPE_MASK_YAW: u16 = 0x09C7;
+/// Time from setpoint to setpoint.
+pub const SETPOINT_PERIOD_MS: u16 = 50;
+/// A published setpoint faster than this is a fault and replaced by zero velocity.
+pub const SPEED_MAX_MPS: f32 = 20.0;
+/// A published setpoint that turns faster than this is a fault and replaced by zero velocity.
+pub const YAW_RATE_MAX_RADPS: f32 = 4.0;
 
 const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
 const TIMESYNC_PERIOD_US: u32 = 1_000_000;
@@ -522,8 +528,7 @@ impl Companion {
         let Some(autopilot) = self.autopilot else {
             return;
         };
-        let needs_entry = matches!(cause, Cause::Unfit | Cause::LinkLost) && self.config.fresh_entry_after_silence;
-        if needs_entry && autopilot.obeys() {
+        if matches!(cause, Cause::Unfit | Cause::LinkLost) && autopilot.obeys() {
             self.entry_needed = true;
         }
         if cause != Cause::None {

@@ -6,7 +6,7 @@ use foxhound_core::base::units::sin_cos;
 use foxhound_core::guidance::mission::Control;
 use foxhound_core::mapping::scan::{Frame, Points};
 
-use super::{Companion, ObstacleFrame, UNSETTLED_US, count};
+use super::{Companion, ObstacleFrame, UNSETTLED_US, YAW_RATE_MAX_RADPS, count};
 use crate::MessageData;
 use crate::advice::Advice;
 use crate::autopilot::{Attitude, Autopilot, Position, Software};
@@ -147,7 +147,7 @@ impl Companion {
         if !autopilot.obeys() {
             self.entry_needed &= self.may_reenter(autopilot.software);
             self.paused = false;
-        } else if was_lost && self.config.fresh_entry_after_silence {
+        } else if was_lost {
             self.entry_needed = true;
         }
         let changed = self.autopilot.is_none_or(|known| known.software != autopilot.software);
@@ -160,8 +160,7 @@ impl Companion {
         }
     }
 
-    /// The messages that we want from an autopilot. `GLOBAL_ORIGIN` and health come seldom, the rest at the configured
-    /// rates.
+    /// The messages that we want from an autopilot, and how often.
     pub(super) fn wish(&mut self, software: Software) {
         let now = self.now;
         const IDS: [u32; WISHES] = [
@@ -179,20 +178,18 @@ impl Companion {
             d::ESTIMATOR_STATUS_DATA::ID,
             d::ODOMETRY_DATA::ID,
         ];
-        let config = &self.config;
-        let health_hz = if config.landed_hz > 0.0 { 1.0 } else { 0.0 };
-        let ardupilot_hz = if software == Software::ArduPilot { health_hz } else { 0.0 };
-        let px4_hz = if software == Software::Px4 { health_hz } else { 0.0 };
+        let ardupilot_hz = if software == Software::ArduPilot { 1.0 } else { 0.0 };
+        let px4_hz = if software == Software::Px4 { 1.0 } else { 0.0 };
         let rates_hz = [
-            config.position_hz,
-            config.attitude_hz,
-            config.landed_hz,
-            config.obstacle_hz,
-            config.obstacle_hz,
-            health_hz,
-            health_hz,
-            health_hz,
-            if config.switch_channel > 0 { 5.0 } else { 0.0 },
+            50.0,
+            50.0,
+            2.0,
+            10.0,
+            10.0,
+            1.0,
+            1.0,
+            1.0,
+            if self.config.switch_channel > 0 { 5.0 } else { 0.0 },
             2.0 * ardupilot_hz,
             ardupilot_hz,
             px4_hz,
@@ -312,7 +309,7 @@ impl Companion {
                 // Between the two messages it may have been either rate, and a little more.
                 YAW_RATE_MARGIN_RADPS + 0.5 * libm::fabsf(attitude.yaw_rate_radps - last.yaw_rate_radps)
             } else {
-                self.config.yaw_rate_max_radps
+                YAW_RATE_MAX_RADPS
             };
             let turn = Turn { from_rad: last.yaw_rad, rate_radps, unknown_radps, to_rad: attitude.yaw_rad, dt_s };
             if self.continuity.follow_heading(turn, at_m).is_some() {

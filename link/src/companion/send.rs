@@ -12,7 +12,10 @@ use foxhound_core::landing::Reason;
 use heapless::{Deque, String};
 
 use super::texts::{is_critical, severity, text};
-use super::{Companion, Pace, Published, TIMESYNC_PERIOD_US, TYPE_MASK, TYPE_MASK_YAW, Yaw};
+use super::{
+    Companion, Pace, Published, SETPOINT_PERIOD_MS, SPEED_MAX_MPS, TIMESYNC_PERIOD_US, TYPE_MASK, TYPE_MASK_YAW,
+    YAW_RATE_MAX_RADPS, Yaw,
+};
 use crate::CharArray;
 use crate::autopilot::Autopilot;
 use crate::clock::{is_due, is_over};
@@ -158,15 +161,14 @@ impl Companion {
         let Ned { north, east, down } = setpoint.velocity_ned_mps;
         let speed_squared = north * north + east * east + down * down;
         // False for what is not finite.
-        speed_squared <= self.config.speed_max_mps * self.config.speed_max_mps
-            && libm::fabsf(setpoint.yaw_rate_radps) <= self.config.yaw_rate_max_radps
+        speed_squared <= SPEED_MAX_MPS * SPEED_MAX_MPS && libm::fabsf(setpoint.yaw_rate_radps) <= YAW_RATE_MAX_RADPS
     }
 
     /// Queues the setpoint that is due, or withdraws the one that must not be sent any more.
     #[inline(never)]
     pub(super) fn stream(&mut self, autopilot: &Autopilot, cause: Cause) {
         let now = self.now;
-        let slot = now.0 / (u64::from(self.config.setpoint_period_ms) * 1_000).max(1);
+        let slot = now.0 / (u64::from(SETPOINT_PERIOD_MS) * 1_000);
         let due = self.setpoint_slot.replace(slot).is_some_and(|last| last != slot);
         let prestream = self.config.prestream && !self.may_reenter(autopilot.software);
         let setpoint = match cause.stream(autopilot.software, autopilot.obeys(), prestream) {
@@ -219,8 +221,7 @@ impl Companion {
     fn yaw_ahead_rad(&mut self, yaw_rate_radps: f32) -> f32 {
         let actual_rad = self.attitude.map_or(0.0, |attitude| attitude.yaw_rad);
         let last_rad = self.yaw_rad.unwrap_or(actual_rad);
-        let ahead_rad =
-            wrap_pi(last_rad - actual_rad) + yaw_rate_radps * f32::from(self.config.setpoint_period_ms) * 1e-3;
+        let ahead_rad = wrap_pi(last_rad - actual_rad) + yaw_rate_radps * f32::from(SETPOINT_PERIOD_MS) * 1e-3;
         let ahead_rad = ahead_rad.clamp(-YAW_AHEAD_MAX_RAD, YAW_AHEAD_MAX_RAD);
         let yaw_rad = wrap_pi(actual_rad + ahead_rad);
         self.yaw_rad = Some(yaw_rad);
