@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use foxhound_computer::deadline;
+use foxhound_computer::deadline::BUDGET_US;
 use foxhound_computer::twin::{Fault, Setup};
 use foxhound_core::guidance::mission::Behaviour;
 use foxhound_link::dialect::MavMessage;
@@ -97,16 +97,15 @@ impl Seeker {
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn a_late_step_is_counted_and_told_and_changes_nothing_else() {
-    let budget_us = deadline::Config::default().budget_us;
     let (mut calm, mut stormy) = (Seeker::under_way(), Seeker::under_way());
     // Not late yet: the storm ends in time. In sum far longer than the watchdog waits.
     for _ in 0..50 {
-        assert_eq!(calm.step(0).output, stormy.step(budget_us / 2).output);
+        assert_eq!(calm.step(0).output, stormy.step(BUDGET_US / 2).output);
     }
     assert_eq!(stormy.trial.computer.late_steps(), 0);
     // Fewer than would take so much of the planner's time that its plan is late.
     for step in 0..60 {
-        let stolen_us = if step % 2 == 0 { budget_us * 3 / 2 } else { 0 };
+        let stolen_us = if step % 2 == 0 { BUDGET_US * 3 / 2 } else { 0 };
         let (one, other) = (calm.step(0), stormy.step(stolen_us));
         assert_eq!((one.output, one.motion), (other.output, other.motion), "step {step}");
         assert!(one.setpoints().eq(other.setpoints()), "step {step}");
@@ -122,9 +121,8 @@ fn a_late_step_is_counted_and_told_and_changes_nothing_else() {
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn late_steps_alone_do_not_feed_the_watchdog_and_after_it_the_vehicle_stands_until_the_mode_is_entered_afresh() {
-    let budget_us = deadline::Config::default().budget_us;
     let mut seeker = Seeker::under_way();
-    let stolen_us = budget_us * 3 / 2;
+    let stolen_us = BUDGET_US * 3 / 2;
     let enough = WATCHDOG_US / (stolen_us * TWIN_US);
     let late = (0..20).take_while(|_| seeker.step(stolen_us).output.is_some()).count() as u32;
     // The step in which it bites is not finished; what a step takes besides makes them fewer.

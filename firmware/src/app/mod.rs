@@ -131,7 +131,7 @@ pub async fn guide<B: Board>(
     }
     tell(&mut flight, &restart, start);
     console.log.begin(&restart.words(start), true, &flight);
-    let mut monitor = Monitor::new(deadline::Config::default());
+    let mut monitor = Monitor::default();
     loop {
         pacer.follow(flight.config);
         pacer.sound(flight.receiver.test().wants_tone());
@@ -189,7 +189,7 @@ pub async fn guide<B: Board>(
                     end = B::ticks();
                 }
                 let taken_us = end.wrapping_sub(begin) / B::TICKS_PER_US;
-                if monitor.step(taken_us, store.take_written()).feeds() {
+                if monitor.step(taken_us, store.take_written()) {
                     feeder.feed();
                 }
                 let deadline::Counts { late, longest_us, .. } = monitor.counts();
