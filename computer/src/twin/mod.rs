@@ -301,60 +301,6 @@ impl core::fmt::Display for Error {
 
 impl core::error::Error for Error {}
 
-impl Setup {
-    /// Fills the setup block.
-    ///
-    /// # Errors
-    /// [`Error::Length`].
-    pub fn encode(&self, block: &mut Block) -> Result<(), Error> {
-        write_record(block, self)
-    }
-
-    /// Reads the setup block.
-    ///
-    /// # Errors
-    /// What is wrong with it.
-    pub fn decode(block: &Block) -> Result<Self, Error> {
-        read_record(block)
-    }
-}
-
-impl Ready {
-    /// Fills the report block.
-    ///
-    /// # Errors
-    /// [`Error::Length`].
-    pub fn encode(&self, block: &mut Block) -> Result<(), Error> {
-        write_record(block, self)
-    }
-
-    /// Reads the report block.
-    ///
-    /// # Errors
-    /// What is wrong with it.
-    pub fn decode(block: &Block) -> Result<Self, Error> {
-        read_record(block)
-    }
-}
-
-impl Report {
-    /// Fills the report block.
-    ///
-    /// # Errors
-    /// [`Error::Length`].
-    pub fn encode(&self, block: &mut Block) -> Result<(), Error> {
-        write_record(block, self)
-    }
-
-    /// Reads the report block.
-    ///
-    /// # Errors
-    /// What is wrong with it.
-    pub fn decode(block: &Block) -> Result<Self, Error> {
-        read_record(block)
-    }
-}
-
 /// Fills the report block with the reason of a refusal, cut off where the block ends.
 pub fn encode_refusal(block: &mut Block, reason: core::fmt::Arguments<'_>) {
     let (head, body) = block.split_at_mut(HEAD_BYTES);
@@ -439,14 +385,22 @@ impl<const N: usize> Step<'_, N> {
     }
 }
 
-fn write_record(block: &mut [u8], record: &impl Serialize) -> Result<(), Error> {
+/// Fills a block with a [`Setup`], a [`Ready`] or a [`Report`].
+///
+/// # Errors
+/// [`Error::Length`].
+pub fn write_record(block: &mut [u8], record: &impl Serialize) -> Result<(), Error> {
     let (head, body) = block.split_at_mut_checked(HEAD_BYTES).ok_or(Error::Length)?;
     let len = postcard::to_slice(record, body).map_err(|_| Error::Length)?.len();
     write_head(head, len);
     Ok(())
 }
 
-fn read_record<T: DeserializeOwned>(block: &[u8]) -> Result<T, Error> {
+/// Reads it back.
+///
+/// # Errors
+/// What is wrong with the block.
+pub fn read_record<T: DeserializeOwned>(block: &[u8]) -> Result<T, Error> {
     postcard::from_bytes(body(block)?).map_err(|_| Error::Content)
 }
 

@@ -89,12 +89,12 @@ fn too_many_circles_an_empty_block_and_an_impossible_length_are_refused() {
     let circles = [circle(1); DELIVERY_MAX + 1];
     let mut block = [0; BLOCK_BYTES];
     assert_eq!(step(FrontEnd::Nothing, Some(&circles)).encode(&mut block), Err(Error::Length));
-    assert_eq!(Report::decode(&block), Err(Error::Magic));
+    assert_eq!(read_record::<Report>(&block), Err(Error::Magic));
     block[..4].copy_from_slice(&MAGIC.to_le_bytes());
     block[4..8].fill(0xff);
-    assert_eq!(Report::decode(&block), Err(Error::Length));
+    assert_eq!(read_record::<Report>(&block), Err(Error::Length));
     block[4..8].copy_from_slice(&1_u32.to_le_bytes());
-    assert_eq!(Report::decode(&block), Err(Error::Content));
+    assert_eq!(read_record::<Report>(&block), Err(Error::Content));
 }
 
 #[test]
@@ -104,8 +104,8 @@ fn a_setup_fits_its_block_and_comes_back() {
         needs_entry: true,
     };
     let mut block = [0; BLOCK_BYTES];
-    setup.encode(&mut block).unwrap();
-    let back = Setup::decode(&block).unwrap();
+    write_record(&mut block, &setup).unwrap();
+    let back: Setup = read_record(&block).unwrap();
     assert_eq!((back.guidance.seed, back.needs_entry), (setup.guidance.seed, true));
 }
 

@@ -206,7 +206,7 @@ impl board::Pacer for Pacer {
                     uart::AUTOPILOT.open();
                     uart::PORT.open();
                     uart::SENSOR.open();
-                    match twin::Setup::decode(self.block) {
+                    match twin::read_record::<twin::Setup>(self.block) {
                         Ok(setup) => {
                             self.setup = setup.guidance;
                             return Call::Setup { config: &self.setup, needs_entry: setup.needs_entry };
@@ -250,7 +250,7 @@ impl board::Pacer for Pacer {
         match result {
             Ok(()) => {
                 uart::drained(tx_total).await;
-                let written = twin::Ready { tx_total }.encode(self.block);
+                let written = twin::write_record(self.block, &twin::Ready { tx_total });
                 self.answer(written);
             }
             Err(error) => self.refuse(format_args!("{error}")),
@@ -277,7 +277,7 @@ impl board::Pacer for Pacer {
                 ticks: planned.ticks,
             }),
         };
-        let written = report.encode(self.block);
+        let written = twin::write_record(self.block, &report);
         self.answer(written);
     }
 }

@@ -206,7 +206,8 @@ impl QemuComputer {
         (self.camera_total, self.camera_laid, self.sensor_total) = (0, 0, 0);
         self.write_setup(setup)?;
         let block = self.ring(twin::SETUP)?;
-        let ready = Ready::decode(&block).map_err(|error| self.lost(format!("the answer to the setup: {error}")))?;
+        let ready: Ready =
+            twin::read_record(&block).map_err(|error| self.lost(format!("the answer to the setup: {error}")))?;
         self.drain()?;
         self.drained.clear();
         (self.sequence, self.tx_total) = (0, ready.tx_total);
@@ -227,7 +228,8 @@ impl QemuComputer {
     pub fn set_up(&mut self, setup: &Setup) -> Result<(), QemuError> {
         self.write_setup(setup)?;
         let block = self.ring(twin::SETUP)?;
-        let ready = Ready::decode(&block).map_err(|error| self.lost(format!("the answer to the setup: {error}")))?;
+        let ready: Ready =
+            twin::read_record(&block).map_err(|error| self.lost(format!("the answer to the setup: {error}")))?;
         // Bytes that it sent while it ran freely belong to no step.
         self.take_sent(ready.tx_total)?;
         self.sequence = 0;
@@ -236,7 +238,7 @@ impl QemuComputer {
 
     fn write_setup(&mut self, setup: &Setup) -> Result<(), QemuError> {
         let mut block = [0; BLOCK_BYTES];
-        setup.encode(&mut block).map_err(|error| self.lost(format!("the setup: {error}")))?;
+        twin::write_record(&mut block, setup).map_err(|error| self.lost(format!("the setup: {error}")))?;
         self.write_rx_total()?;
         self.write_camera_total()?;
         self.write_sensor_total()?;
@@ -272,7 +274,7 @@ impl QemuComputer {
         step.encode(&mut block).map_err(|error| self.lost(format!("the step: {error}")))?;
         self.write_memory(&block, twin::STEP_AT)?;
         let block = self.ring(twin::FRAME)?;
-        let report = Report::decode(&block).map_err(|error| self.lost(format!("the report: {error}")))?;
+        let report: Report = twin::read_record(&block).map_err(|error| self.lost(format!("the report: {error}")))?;
         if report.sequence != self.sequence {
             return Err(self.lost(format!("step {} was answered with step {}", self.sequence, report.sequence)));
         }
