@@ -7,7 +7,6 @@
 #![expect(unsafe_code, reason = "vectors, interrupt handlers")]
 
 use core::fmt;
-use core::future::pending;
 use core::ops::Range;
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -20,7 +19,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use foxhound_computer::part::Refused;
-use foxhound_computer::port::{Clock, Waiting};
+use foxhound_computer::port::Clock;
 use foxhound_computer::restart::{Cause, End, Restart};
 use foxhound_computer::sampling::Timer;
 use foxhound_computer::store::PAGES;
@@ -31,7 +30,7 @@ use foxhound_core::planning::rollout::Trajectory;
 use crate::arm;
 use crate::arm::crash_record::{self, CrashOutput};
 use crate::arm::stack::{self, Watermark};
-use crate::board::{self, Board, Call, Done, NoLine, Parts, Read, Step, Write};
+use crate::board::{self, Board, Call, Done, NoLine, Parts, Step, Write};
 
 const CLOCK_MHZ: u32 = 100;
 /// From one interrupt of the system timer to the next.
@@ -61,11 +60,12 @@ impl Board for Machine {
     const SAMPLE_TIMER: Option<Timer> = None;
 
     type Spawner = SendSpawner;
-    type Receiver = Receiver;
+    /// HERE: a serial line's receiver.
+    type Receiver = NoLine;
     type Transmitter = Transmitter;
     /// HERE: a serial line of 230 400 baud, where there is a lidar, of 115 200 with a radio.
     type SensorReceiver = NoLine;
-    type ConsoleReceiver = Receiver;
+    type ConsoleReceiver = NoLine;
     type ConsoleTransmitter = Transmitter;
     type Pacer = Pacer;
     type Watchdog = Watchdog;
@@ -93,10 +93,10 @@ impl Board for Machine {
         Parts {
             guidance: GUIDANCE.start(Interrupt::Guidance),
             link: LINK.start(Interrupt::Link),
-            receiver: Receiver,
+            receiver: NoLine,
             transmitter: Transmitter,
             sensor: NoLine,
-            console_receiver: Receiver,
+            console_receiver: NoLine,
             console_transmitter: Transmitter,
             pacer: Pacer { stack: Watermark::new() },
             watchdog: Watchdog,
@@ -131,30 +131,6 @@ impl CrashOutput for Machine {
 
     /// HERE: a debugger's line, where there is one.
     fn print_end(_words: fmt::Arguments<'_>) {}
-}
-
-/// HERE: a serial line's receiver.
-#[derive(Debug)]
-pub struct Receiver;
-
-impl Read for Receiver {
-    async fn read(&mut self, _bytes: &mut [u8]) -> usize {
-        pending().await
-    }
-}
-
-impl board::Receiver for Receiver {
-    fn try_read(&mut self, _bytes: &mut [u8]) -> usize {
-        0
-    }
-
-    fn waiting(&self) -> Waiting {
-        Waiting::default()
-    }
-
-    fn errors(&self) -> u32 {
-        0
-    }
 }
 
 /// HERE: a serial line's transmitter.
