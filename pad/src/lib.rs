@@ -30,8 +30,6 @@ mod fit;
 mod light;
 mod regions;
 mod score;
-#[cfg(test)]
-mod tests;
 mod weights;
 
 use foxhound_core::base::error::{ConfigError, check};
@@ -151,6 +149,8 @@ enum Stage {
     Lines,
     Spoilt(Bad),
 }
+
+const _: () = assert!(size_of::<State>() <= 2048);
 
 /// State: one frame, and the light of those before.
 #[derive(Clone, Debug)]
