@@ -22,7 +22,7 @@ use foxhound_link::companion;
 use heapless::{String, Vec};
 
 use crate::deadline::Counts;
-use crate::restart::Restart;
+use crate::restart::{Restart, decimal};
 use crate::selftest::{self, Report};
 use crate::sensor::Sensor;
 use crate::timing::{self, BINS, Feeds, Task};
@@ -473,17 +473,7 @@ impl Words {
 
     #[inline(never)]
     fn number(&mut self, number: u32) -> &mut Self {
-        let (mut rest, mut digits) = (number, [0; 10]);
-        let mut from = digits.len();
-        for (at, digit) in digits.iter_mut().enumerate().rev() {
-            *digit = b'0' + (rest % 10) as u8;
-            (rest, from) = (rest / 10, at);
-            if rest == 0 {
-                break;
-            }
-        }
-        let digits = digits.get(from..).and_then(|digits| str::from_utf8(digits).ok()).unwrap_or_default();
-        self.text(digits)
+        self.text(decimal(number, &mut [0; 10]))
     }
 
     fn signed(&mut self, number: i32) -> &mut Self {

@@ -170,7 +170,7 @@ impl Restart {
         // What does not fit is cut off.
         let _ = words.write_str("Foxhound: restart");
         if start > 0 {
-            let _ = words.write_char(' ').and_then(|()| write_decimal(&mut words, start));
+            let _ = words.write_char(' ').and_then(|()| words.write_str(decimal(start, &mut [0; 10])));
         }
         let _ = write!(words, ": {self}");
         words.0
@@ -213,13 +213,18 @@ fn write_hex(f: &mut fmt::Formatter<'_>, value: u32) -> fmt::Result {
     })
 }
 
-/// As short as possible, without the standard formatting.
-fn write_decimal(to: &mut impl fmt::Write, value: u32) -> fmt::Result {
-    let digits = core::iter::successors(Some(1_u32), |power| power.checked_mul(10)).take_while(|power| *power <= value);
-    (0..digits.count() as u32).rev().try_for_each(|place| {
-        let digit = value / 10_u32.pow(place) % 10;
-        to.write_char(char::from_digit(digit, 10).unwrap_or('?'))
-    })
+/// A number without the standard formatting.
+#[inline(never)]
+pub fn decimal(mut number: u32, digits: &mut [u8; 10]) -> &str {
+    let mut from = digits.len();
+    for (at, digit) in digits.iter_mut().enumerate().rev() {
+        *digit = b'0' + (number % 10) as u8;
+        (number, from) = (number / 10, at);
+        if number == 0 {
+            break;
+        }
+    }
+    digits.get(from..).and_then(|digits| str::from_utf8(digits).ok()).unwrap_or_default()
 }
 
 /// Takes as much as fits.

@@ -13,7 +13,7 @@ use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::SCB;
-use foxhound_computer::restart::{self, End, Record, TEXT_BYTES, WORDS};
+use foxhound_computer::restart::{self, End, Record, TEXT_BYTES, WORDS, decimal};
 
 use crate::board::Board;
 
@@ -103,8 +103,7 @@ pub(crate) fn panicked<B: CrashOutput>(info: &PanicInfo<'_>) -> ! {
     if let Some(location) = info.location() {
         let _ = text.write_str(location.file());
         let _ = text.write_str(":");
-        let mut digits = [0; 10];
-        let _ = text.write_str(decimal(location.line(), &mut digits));
+        let _ = text.write_str(decimal(location.line(), &mut [0; 10]));
     }
     let text = text.text();
     end_saying::<B>(End::Panic, 0, 0, text.as_bytes(), format_args!("panic at {text}"))
@@ -153,17 +152,4 @@ impl fmt::Write for Tail {
         }
         Ok(())
     }
-}
-
-/// A number without the standard formatting.
-fn decimal(mut number: u32, digits: &mut [u8; 10]) -> &str {
-    let mut from = digits.len();
-    for (at, digit) in digits.iter_mut().enumerate().rev() {
-        *digit = b'0' + (number % 10) as u8;
-        (number, from) = (number / 10, at);
-        if number == 0 {
-            break;
-        }
-    }
-    digits.get(from..).and_then(|digits| str::from_utf8(digits).ok()).unwrap_or("?")
 }
