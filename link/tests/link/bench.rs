@@ -9,7 +9,7 @@ use foxhound_core::guidance::mission::Outcome;
 use foxhound_core::mapping::scan::{Points, Scan};
 use foxhound_link::companion::{Companion, Config};
 use foxhound_link::dialect::*;
-use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode};
+use foxhound_link::framer::{FRAME_MAX, Frame, Framer, Header, encode};
 
 pub(crate) const QUADROTOR: u8 = 2;
 pub(crate) const ARDUPILOT: u8 = 3;
@@ -170,6 +170,21 @@ impl Bench {
         };
         self.take_sent().into_iter().filter_map(pick).collect()
     }
+}
+
+/// Reads a stream that comes in pieces.
+pub(crate) fn read(stream: &[u8], chunk: usize, mut each: impl FnMut(&Frame<'_>)) -> Framer {
+    let mut framer = Framer::new();
+    for piece in stream.chunks(chunk) {
+        let mut rest = piece;
+        while !rest.is_empty() {
+            rest = &rest[framer.push(rest)..];
+            while let Some(frame) = framer.next_frame() {
+                each(&frame);
+            }
+        }
+    }
+    framer
 }
 
 pub(crate) fn heartbeat(autopilot: u8, custom_mode: u32, base_mode: u8) -> HEARTBEAT_DATA {

@@ -1,10 +1,10 @@
 //! Frames inside frames: what travels in another message's payload is not traffic.
 
-use crate::bench::{ARDUPILOT, ARMED, Bench, GUIDED, heartbeat};
+use crate::bench::{ARDUPILOT, ARMED, Bench, GUIDED, heartbeat, read};
 use foxhound_core::base::time::Instant;
 use foxhound_link::companion::Config;
 use foxhound_link::dialect::MavMessage;
-use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode, known, known_ids};
+use foxhound_link::framer::{FRAME_MAX, Header, encode, known, known_ids};
 use mavlink_core::calculate_crc;
 
 /// A heartbeat of an autopilot that is armed and in GUIDED.
@@ -26,17 +26,8 @@ fn carrier(id: u32, payload: &[u8]) -> Vec<u8> {
 }
 
 fn heard(stream: &[u8], chunk: usize) -> Vec<u32> {
-    let mut framer = Framer::new();
     let mut ids = Vec::new();
-    for piece in stream.chunks(chunk) {
-        let mut rest = piece;
-        while !rest.is_empty() {
-            rest = &rest[framer.push(rest)..];
-            while let Some(frame) = framer.next_frame() {
-                ids.push(frame.message_id);
-            }
-        }
-    }
+    let framer = read(stream, chunk, |frame| ids.push(frame.message_id));
     assert_eq!((framer.waiting(), framer.counters().skipped_bytes, framer.counters().bad_crc), (0, 0, 0));
     ids
 }

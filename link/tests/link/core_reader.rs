@@ -1,6 +1,7 @@
 //! The framer beside the reader and the writer of `mavlink-core` 0.21, another implementation of the same frames. Both
 //! use our dialect's types: those are compared with pymavlink in `tests/link/mavlink_peers.rs`.
 
+use crate::bench::read;
 use foxhound_link::dialect::MavMessage;
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, MavlinkVersion, encode};
 use mavlink_core::embedded::Write;
@@ -69,19 +70,6 @@ fn theirs(stream: &[u8]) -> Vec<Vec<u8>> {
     found
 }
 
-fn ours(stream: &[u8]) -> Vec<Vec<u8>> {
-    let mut framer = Framer::new();
-    let mut found = Vec::new();
-    let mut rest = stream;
-    while !rest.is_empty() {
-        rest = &rest[framer.push(rest)..];
-        while let Some(frame) = framer.next_frame() {
-            found.push(frame.bytes.to_vec());
-        }
-    }
-    found
-}
-
 #[test]
 fn each_reads_what_the_other_writes() {
     let mut random = Xoshiro128PlusPlus::seed_from_u64(1);
@@ -135,7 +123,8 @@ fn both_find_the_same_frames_in_a_damaged_stream() {
         stream.extend_from_slice(&bytes);
     }
     stream.extend_from_slice(&[0; FRAME_MAX]);
-    let (ours, theirs) = (ours(&stream), theirs(&stream));
+    let (mut ours, theirs) = (Vec::new(), theirs(&stream));
+    read(&stream, stream.len(), |frame| ours.push(frame.bytes.to_vec()));
     assert!(ours == theirs, "{} and {}", ours.len(), theirs.len());
     assert_eq!(ours.len(), sent.len() - damaged);
 }

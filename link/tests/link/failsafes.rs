@@ -21,12 +21,17 @@ impl Flight {
         Self::with(autopilot, Config::default())
     }
 
-    pub(crate) fn with(autopilot: u8, config: Config) -> Self {
+    /// Before the first step.
+    fn new(autopilot: u8, config: Config) -> Self {
         let mut bench = Bench::new(config);
         bench.answers = true;
         bench.heartbeat = Some(heartbeat(autopilot, if autopilot == PX4 { OFFBOARD } else { GUIDED }, ARMED));
         bench.output = Some(output([1.0, -0.5, -0.25], 0.125));
-        let mut flight = Self { bench, position: [10.0, 20.0, -5.0], yaw: 0.5, position_is_silent: false };
+        Self { bench, position: [10.0, 20.0, -5.0], yaw: 0.5, position_is_silent: false }
+    }
+
+    pub(crate) fn with(autopilot: u8, config: Config) -> Self {
+        let mut flight = Self::new(autopilot, config);
         flight.bench.step(10_000);
         flight.bench.say(&extended(2));
         flight.run(1.0);
@@ -239,10 +244,7 @@ fn switched_off_the_pilots_switch_stops_and_starts_and_its_silence_stops() {
         MavMessage::RC_CHANNELS(RC_CHANNELS_DATA { chan7_raw, chancount, ..RC_CHANNELS_DATA::DEFAULT })
     };
     for autopilot in BOTH {
-        let mut bench = Bench::new(Config { switch_channel: 7, ..Config::default() });
-        bench.heartbeat = Some(heartbeat(autopilot, if autopilot == PX4 { OFFBOARD } else { GUIDED }, ARMED));
-        bench.output = Some(output([1.0, -0.5, -0.25], 0.125));
-        let mut flight = Flight { bench, position: [0.0; 3], yaw: 0.0, position_is_silent: false };
+        let mut flight = Flight::new(autopilot, Config { switch_channel: 7, ..Config::default() });
         flight.run(1.0);
         flight.assert_zero(Cause::SwitchedOff);
         flight.bench.say(&channels(1900, 8));
@@ -548,13 +550,8 @@ fn an_autopilot_that_beats_and_never_answers_is_told_of() {
 #[test]
 fn after_a_restart_of_our_own_the_mode_must_be_entered_afresh() {
     for autopilot in BOTH {
-        let mut bench = Bench::new(Config::default());
-        bench.companion.require_entry();
-        bench.answers = true;
-        let in_mode = heartbeat(autopilot, if autopilot == PX4 { OFFBOARD } else { GUIDED }, ARMED);
-        bench.heartbeat = Some(in_mode);
-        bench.output = Some(output([1.0, -0.5, -0.25], 0.125));
-        let mut flight = Flight { bench, position: [0.0; 3], yaw: 0.0, position_is_silent: false };
+        let mut flight = Flight::new(autopilot, Config::default());
+        flight.bench.companion.require_entry();
         flight.run(1.0);
         flight.assert_zero(Cause::EntryNeeded);
         flight.enter_afresh(|heartbeat| heartbeat.base_mode = DISARMED);
@@ -566,12 +563,8 @@ fn after_a_restart_of_our_own_the_mode_must_be_entered_afresh() {
 #[test]
 fn after_a_crash_of_our_own_px4_does_not_hand_control_back_by_itself() {
     let crashed = || {
-        let mut bench = Bench::new(Config::default());
-        bench.companion.note_crash();
-        bench.answers = true;
-        bench.heartbeat = Some(heartbeat(PX4, OFFBOARD, ARMED));
-        bench.output = Some(output([1.0, -0.5, -0.25], 0.125));
-        let mut flight = Flight { bench, position: [0.0; 3], yaw: 0.0, position_is_silent: false };
+        let mut flight = Flight::new(PX4, Config::default());
+        flight.bench.companion.note_crash();
         flight.run(1.0);
         flight.assert_zero(Cause::EntryNeeded);
         flight
@@ -589,13 +582,7 @@ fn after_a_crash_of_our_own_px4_does_not_hand_control_back_by_itself() {
     flight.assert_flies();
 
     let mut flight = crashed();
-    flight.bench.say(&MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-        target_system: 1,
-        target_component: 191,
-        command: MavCmd::MAV_CMD_DO_PAUSE_CONTINUE as u16,
-        param1: 1.0,
-        ..COMMAND_LONG_DATA::DEFAULT
-    }));
+    flight.bench.say(&command(193, 1.0));
     flight.enter_afresh(leave);
     flight.assert_flies();
 }
@@ -606,27 +593,18 @@ fn after_a_crash_of_our_own_one_word_to_continue_ends_a_pause() {
     flight.bench.companion.note_crash();
     flight.enter_afresh(|heartbeat| heartbeat.custom_mode = 5);
     for (param1, cause) in [(0.0, Cause::Paused), (1.0, Cause::None)] {
-        flight.bench.say(&MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-            target_system: 1,
-            target_component: 191,
-            command: MavCmd::MAV_CMD_DO_PAUSE_CONTINUE as u16,
-            param1,
-            ..COMMAND_LONG_DATA::DEFAULT
-        }));
+        flight.bench.say(&command(193, param1));
         assert_eq!(flight.cause(), cause);
     }
 }
 
 #[test]
 fn what_cannot_hover_is_not_commanded() {
-    for (autopilot, mode) in [(ARDUPILOT, GUIDED), (PX4, OFFBOARD)] {
+    for autopilot in BOTH {
         // A wing, a rover and a tiltrotor.
         for mavtype in [1, 10, 21] {
-            let mut bench = Bench::new(Config::default());
-            bench.answers = true;
-            bench.heartbeat = Some(HEARTBEAT_DATA { mavtype, ..heartbeat(autopilot, mode, ARMED) });
-            bench.output = Some(output([1.0, 0.0, 0.0], 0.0));
-            let mut flight = Flight { bench, position: [0.0; 3], yaw: 0.0, position_is_silent: false };
+            let mut flight = Flight::new(autopilot, Config::default());
+            flight.bench.heartbeat.as_mut().unwrap().mavtype = mavtype;
             flight.run(1.0);
             assert_eq!(flight.cause(), Cause::NotInMode);
             assert!(flight.setpoints(2.0).is_empty());

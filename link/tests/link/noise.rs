@@ -1,6 +1,6 @@
 //! Damaged and hostile streams. Everything random is seeded.
 
-use crate::bench::{ARDUPILOT, ARMED, AUTOPILOT, Bench, GUIDED, heartbeat, output, velocity};
+use crate::bench::{ARDUPILOT, ARMED, AUTOPILOT, Bench, GUIDED, heartbeat, output, read, velocity};
 use foxhound_core::base::time::Instant;
 use foxhound_link::Message;
 use foxhound_link::companion::Config;
@@ -40,20 +40,10 @@ fn frame(random: &mut Xoshiro128PlusPlus, index: u32) -> Vec<u8> {
     bytes[..length].to_vec()
 }
 
-fn read(stream: &[u8], chunk: usize) -> (Vec<Vec<u8>>, Framer) {
-    let mut framer = Framer::new();
+/// The frames of our dialect.
+fn ours(stream: &[u8], chunk: usize) -> (Vec<Vec<u8>>, Framer) {
     let mut frames = Vec::new();
-    for piece in stream.chunks(chunk) {
-        let mut rest = piece;
-        while !rest.is_empty() {
-            rest = &rest[framer.push(rest)..];
-            while let Some(frame) = framer.next_frame() {
-                if frame.message().is_some() {
-                    frames.push(frame.bytes.to_vec());
-                }
-            }
-        }
-    }
+    let framer = read(stream, chunk, |frame| frames.extend(frame.message().map(|_| frame.bytes.to_vec())));
     (frames, framer)
 }
 
@@ -73,7 +63,7 @@ fn noise_between_frames_loses_none_even_when_full_of_start_bytes() {
         // The last candidates in the noise may still wait for bytes.
         stream.extend_from_slice(&[0; FRAME_MAX]);
         for chunk in [1, 17, 4096] {
-            let (found, framer) = read(&stream, chunk);
+            let (found, framer) = ours(&stream, chunk);
             assert!(found == sent, "{} of {} in pieces of {chunk}", found.len(), sent.len());
             assert_eq!(framer.counters().lost, 0);
         }
@@ -93,7 +83,7 @@ fn a_flipped_bit_costs_its_frame_and_no_other() {
             // A longer length must not run out of bytes.
             (0..8).for_each(|_| stream.extend_from_slice(&good));
             stream.extend_from_slice(&[0; FRAME_MAX]);
-            let (found, framer) = read(&stream, 64);
+            let (found, framer) = ours(&stream, 64);
             assert_eq!(found, vec![good.clone(); 8], "message {index}, bit {bit}");
             seen_bad += framer.counters().bad_crc;
         }
@@ -115,7 +105,7 @@ fn a_missing_byte_costs_at_most_its_frame() {
         stream.extend_from_slice(&bytes);
     }
     stream.extend_from_slice(&[0; FRAME_MAX]);
-    let (found, _) = read(&stream, 4096);
+    let (found, _) = ours(&stream, 4096);
     assert!(found == intact, "{} of {}", found.len(), intact.len());
 }
 

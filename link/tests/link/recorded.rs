@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::bench::{Bench, output};
+use crate::bench::{Bench, output, read};
 use foxhound_core::base::ownship::Agreement;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::wrap_pi;
@@ -60,17 +60,10 @@ fn records() -> Vec<(u64, &'static [u8])> {
 /// How many frames of each id are found, and by what.
 fn read_in_chunks(stream: &[u8], chunk: usize) -> (BTreeMap<u32, u32>, Framer) {
     let mut counts = BTreeMap::new();
-    let mut framer = Framer::new();
-    for piece in stream.chunks(chunk) {
-        let mut rest = piece;
-        while !rest.is_empty() {
-            rest = &rest[framer.push(rest)..];
-            while let Some(frame) = framer.next_frame() {
-                assert_eq!(frame.message().is_some(), MavMessage::all_ids().contains(&frame.message_id));
-                *counts.entry(frame.message_id).or_default() += 1;
-            }
-        }
-    }
+    let framer = read(stream, chunk, |frame| {
+        assert_eq!(frame.message().is_some(), MavMessage::all_ids().contains(&frame.message_id));
+        *counts.entry(frame.message_id).or_default() += 1;
+    });
     (counts, framer)
 }
 
