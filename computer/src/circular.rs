@@ -5,8 +5,7 @@
 //! byte twice, nor one that was overwritten during the read.
 
 /// Bytes written since the start, if the channel has completed `laps` laps of a ring of `length` bytes and `left`
-/// bytes
-/// (`NDT` of `DMA_CNDTRx`) are missing to the next lap.
+/// bytes (`NDT` of `DMA_CNDTRx`) are missing to the next lap.
 #[must_use]
 pub const fn written(laps: u32, left: u32, length: u32) -> u32 {
     // A channel that is just being reloaded shows none left.

@@ -3,7 +3,7 @@
 //! With `d` the autopilot's clock minus ours, a message stamped `s` there and received at `r` here says `s <= r + d`; an
 //! answer stamped `t` to a request that left at `a` and was answered by `b` says `a + d <= t <= b + d`. So every message
 //! bounds `d` from below, every answer from both sides, and what all of them allow is an interval, which grows by the drift
-//! two clocks while no message comes. Its middle is used once it is known to 5 ms; until then a message counts as made
+//! of the two clocks while no message comes. Its middle is used once it is known to 5 ms; until then a message counts as made
 //! when it was received.
 
 use foxhound_core::base::time::Instant;

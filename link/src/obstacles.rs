@@ -12,8 +12,7 @@
 //! | 65535 | unknown |
 //! | `max_distance + 1` | nothing within the sensor's range |
 //! | more | outside the definition: unknown |
-//! | 0 | touching, by the definition; ArduPilot takes it for *no reading*, and senders made for ArduPilot rely on that
-//! |
+//! | 0 | touching, by the definition; ArduPilot takes it for *no reading*, and senders made for ArduPilot rely on that |
 //! | else | the nearest obstacle, centimetres |
 //!
 //! So 0 is unknown on ArduPilot's link and otherwise a hit at `min_distance`, at least 1 cm. A distance over 65.5 m
@@ -30,7 +29,6 @@
 //! one above the range says that the sensor works and sees nothing. An `OBSTACLE_DISTANCE_3D` is a point forward, right
 //! and down of the vehicle. Points more than a metre above or below the vehicle are ignored. Points and beams never
 //! remove an obstacle that is already in the map.
-//! forgotten for what points and beams do not see.
 
 use core::f32::consts::FRAC_PI_4;
 

@@ -2,7 +2,6 @@
 //!
 //! A draft becomes readable when it is committed, all of it at once; a draft that does not fit is dropped without a
 //! trace. The bytes are atomics, so that there are no locks and no `unsafe`: storing one is a plain store.
-//!
 
 use core::array;
 use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering};

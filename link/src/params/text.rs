@@ -68,7 +68,6 @@ impl Worded {
 impl Trouble {
     /// The id of a text in several pieces, different for each parameter; two texts in a row about the same one differ
     /// only in their values.
-    /// values.
     #[inline(never)]
     fn number(&self) -> u16 {
         match self {
