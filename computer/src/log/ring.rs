@@ -3,7 +3,6 @@
 //! A draft becomes readable when it is committed, all of it at once; a draft that does not fit is dropped without a
 //! trace. The bytes are atomics, so that there are no locks and no `unsafe`: storing one is a plain store.
 
-use core::array;
 use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering};
 
 /// Space for `N - 1` bytes. All its bits are zero at first.
@@ -31,7 +30,7 @@ impl<const N: usize> Ring<N> {
 
 impl<const N: usize> Default for Ring<N> {
     fn default() -> Self {
-        Self { bytes: array::from_fn(|_| AtomicU8::new(0)), head: AtomicUsize::new(0), tail: AtomicUsize::new(0) }
+        Self::new()
     }
 }
 
