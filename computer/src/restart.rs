@@ -10,6 +10,7 @@
 use core::fmt::{self, Write as _};
 
 use foxhound_core::doa::calibration::record::crc32;
+use foxhound_link::companion::NOTICE_BYTES;
 use heapless::String;
 
 /// Words of a record in the memory that a reset does not clear.
@@ -20,8 +21,6 @@ const TEXT_AT: usize = 6;
 const CRC_AT: usize = WORDS - 1;
 /// Bytes of a record's text: the end of a file's name and a line.
 pub const TEXT_BYTES: usize = (CRC_AT - TEXT_AT) * 4;
-/// Bytes of a `STATUSTEXT`.
-const WORDS_BYTES: usize = 50;
 
 /// The chip's report of the last reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -165,7 +164,7 @@ impl Restart {
     /// The text for the pilot: at most 50 bytes, as in a `STATUSTEXT`; the rest is cut off. The number of the start
     /// is left out if it is unknown (0).
     #[must_use]
-    pub fn words(&self, start: u32) -> String<WORDS_BYTES> {
+    pub fn words(&self, start: u32) -> String<NOTICE_BYTES> {
         let mut words = Cut(String::new());
         // What does not fit is cut off.
         let _ = words.write_str("Foxhound: restart");
@@ -228,7 +227,7 @@ pub fn decimal(mut number: u32, digits: &mut [u8; 10]) -> &str {
 }
 
 /// Takes as much as fits.
-struct Cut(String<WORDS_BYTES>);
+struct Cut(String<NOTICE_BYTES>);
 
 impl fmt::Write for Cut {
     fn write_str(&mut self, text: &str) -> fmt::Result {

@@ -45,16 +45,13 @@ use foxhound_core::base::error::check;
 use foxhound_core::base::units::DEG_PER_RAD;
 use foxhound_core::doa::array::{Array, Entry};
 use foxhound_core::signal::phase::Phasors;
-use foxhound_link::companion::{Exam, Tone};
+use foxhound_link::companion::{Exam, NOTICE_BYTES, Tone};
 use heapless::String;
 
 use crate::SAMPLES_PER_CHANNEL as N;
 
 pub use report::{Reading, Report};
 use run::{Run, SETTLING};
-
-/// Bytes of a `STATUSTEXT`.
-const WORDS_BYTES: usize = 50;
 
 /// Limits of the test.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -332,7 +329,7 @@ impl SelfTest {
 
 /// The verdict as the text of a `STATUSTEXT`.
 #[must_use]
-pub fn words(exam: Exam, verdict: Verdict) -> String<WORDS_BYTES> {
+pub fn words(exam: Exam, verdict: Verdict) -> String<NOTICE_BYTES> {
     let (passed, failed) = match exam {
         Exam::SelfTest(_) => ("Foxhound: self-test passed", "Foxhound: self-test: "),
         Exam::Calibrate { .. } => ("Foxhound: calibrated", "Foxhound: not calibrated: "),
