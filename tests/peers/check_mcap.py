@@ -16,6 +16,8 @@ from google.protobuf.descriptor import FieldDescriptor as Field
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
+from checks import check
+
 TYPES = {
     Field.TYPE_DOUBLE: "number",
     Field.TYPE_FIXED32: "integer",
@@ -26,13 +28,6 @@ TYPES = {
     Field.TYPE_BYTES: "string",
 }
 TIMES = ("google.protobuf.Timestamp", "google.protobuf.Duration")
-
-
-def check(condition, text):
-    if not condition:
-        print("FAILED:", text)
-        sys.exit(1)
-    print("ok:", text)
 
 
 def published(name):

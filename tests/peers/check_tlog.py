@@ -11,6 +11,8 @@ import sys
 os.environ["MAVLINK20"] = "1"
 from pymavlink.dialects.v20 import ardupilotmega as mavlink  # noqa: E402
 
+from checks import check  # noqa: E402
+
 COMPANION = 191
 LOCAL_NED = 1
 VELOCITY_AND_YAW_RATE = 0x05C7
@@ -31,13 +33,6 @@ def frames(path):
         assert parsed[0].get_type() != "BAD_DATA", f"byte {at}: {parsed[0]}"
         yield stamp, parsed[0]
         at += 8 + size
-
-
-def check(condition, text):
-    if not condition:
-        print("FAILED:", text)
-        sys.exit(1)
-    print("ok:", text)
 
 
 def finite(message):

@@ -6,42 +6,27 @@ Usage: live_page.py ADDRESS --report FLIGHT.html    (the file that the same flig
 
 import os
 import pathlib
-import shutil
 import signal
 import sys
 
 from playwright.sync_api import sync_playwright
 
+from checks import check, chromium, settle, watch
 from report_records import records_of
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 END_WITHIN_S = 120
 
 address, mode, argument = sys.argv[1:4]
 troubles, requests = [], []
 
 
-def check(condition, text):
-    if not condition:
-        print("FAILED:", text)
-        sys.exit(1)
-    print("ok:", text)
-
-
 def opened(browser):
     """The page in a browser that tells of every complaint and every request."""
     page = browser.new_context(viewport={"width": 1280, "height": 880}).new_page()
-    page.on("console", lambda message: troubles.append(message.text) if message.type in ("error", "warning") else None)
-    page.on("pageerror", lambda error: troubles.append(str(error)))
-    page.on("request", lambda request: requests.append(request.url))
+    watch(page, troubles, requests)
     page.goto(address)
     page.wait_for_selector("#map[data-step]")
     return page
-
-
-def settle(page):
-    page.wait_for_timeout(30)
-    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => requestAnimationFrame(done))))")
 
 
 def until(page, condition, text, within_s=30):
@@ -109,7 +94,7 @@ def is_whole(page, records):
     check(state(page)["step"] == len(of_kind("step")) - 1, "End is the end")
 
 
-def watch(browser):
+def follow(browser):
     early = opened(browser)
     moves_on(early)
     looks_back(early)
@@ -151,10 +136,7 @@ def cut(browser):
 
 
 with sync_playwright() as play:
-    program = next(filter(None, map(shutil.which, BROWSERS)), None)
-    check(program, "there is a Chromium")
-    # Its sandbox does not work for root; nothing foreign is opened.
-    browser = play.chromium.launch(executable_path=program, args=["--no-sandbox"])
-    (watch if mode == "--report" else cut)(browser)
+    browser = chromium(play)
+    (follow if mode == "--report" else cut)(browser)
     print("all checks passed")
     browser.close()

@@ -10,20 +10,19 @@ The second makes the picture of the manual:
 
 import os
 import pathlib
-import shutil
 import sys
 
 import cv2
 import numpy
 from playwright.sync_api import sync_playwright
 
+from checks import check, chromium, settle, watch
 from report_records import records_of
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 DESK = {"width": 1440, "height": 900}
 PHONES = ({"width": 360, "height": 740}, {"width": 320, "height": 568})
 # WebGL without a graphics card; the rest of the page is drawn without it, in half the time.
-FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--disable-gpu-compositing")
+FLAGS = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--disable-gpu-compositing")
 # Of the driver: copying the 3-D view into such a page takes time.
 SLOW = "GPU stall due to ReadPixels"
 # What an eye tells apart side by side, in units of CIE Lab, is 2 to 3.
@@ -47,30 +46,15 @@ begin, end = records[0], records[-1]
 troubles, requests = [], []
 
 
-def check(condition, text):
-    if not condition:
-        print("FAILED:", text)
-        sys.exit(1)
-    print("ok:", text)
-
-
 def opened(browser, address="", **options):
     """The page in a browser without network, which tells of every complaint and every request."""
     context = browser.new_context(offline=True, **options)
     page = context.new_page()
-    page.on("console", lambda message: troubles.append(message.text) if message.type in ("error", "warning") and SLOW not in message.text else None)
-    page.on("pageerror", lambda error: troubles.append(str(error)))
+    watch(page, troubles, requests, harmless=SLOW)
     page.on("dialog", lambda dialog: (troubles.append("dialog: " + dialog.message), dialog.dismiss()))
-    page.on("request", lambda request: requests.append(request.url))
     page.goto(path.as_uri() + address)
     page.wait_for_selector("#map[data-step]")
     return page
-
-
-def settle(page):
-    """Until what was done is drawn: the picture after the next."""
-    page.wait_for_timeout(30)
-    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => requestAnimationFrame(done))))")
 
 
 def at(page):
@@ -527,10 +511,7 @@ def picture(browser, target):
 
 
 with sync_playwright() as play:
-    program = next(filter(None, map(shutil.which, BROWSERS)), None)
-    check(program, "there is a Chromium")
-    # Its sandbox does not work for root; nothing foreign is opened.
-    browser = play.chromium.launch(executable_path=program, args=list(FLAGS))
+    browser = chromium(play, *FLAGS)
     if len(sys.argv) > 2:
         picture(browser, sys.argv[3])
     else:
