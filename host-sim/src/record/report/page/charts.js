@@ -100,12 +100,9 @@ const CHARTS = [
 
 const number = (value, places) => (value === undefined || value === null || Number.isNaN(value) ? "none" : value.toFixed(places));
 
-/** The margins of a chart around what is drawn. */
-const EDGE = { left: 46, right: 8, top: 8, bottom: 18 };
-
 /** Makes the figures; a press or a drag on one leads to that time. */
 function setUpCharts(seek) {
-  const room = document.getElementById("charts");
+  const room = byId("charts");
   for (const chart of CHARTS) {
     const figure = document.createElement("figure");
     figure.className = chart.lanes ? "panel chart wide" : "panel chart";
@@ -118,7 +115,7 @@ function setUpCharts(seek) {
     chart.canvas.setAttribute("role", "img");
     figure.append(caption, chart.canvas);
     room.append(figure);
-    scrub(chart.canvas, EDGE, seek);
+    scrub(chart.canvas, EDGE, (share) => seek(share * duration_s()));
   }
 }
 
@@ -132,21 +129,6 @@ function legendEntry(caption, entry, isLane) {
   item.append(key, entry.name, value);
   caption.append(item);
   return { key, value };
-}
-
-/** Lets a canvas with a time axis be pressed and dragged. */
-function scrub(canvas, edge, seek) {
-  const to = (event) => {
-    const share = (event.offsetX - edge.left) / (canvas.clientWidth - edge.left - edge.right);
-    seek(Math.min(Math.max(share, 0), 1) * duration_s());
-  };
-  canvas.addEventListener("pointerdown", (event) => {
-    canvas.setPointerCapture(event.pointerId);
-    to(event);
-  });
-  canvas.addEventListener("pointermove", (event) => {
-    if (event.buttons & 1) to(event);
-  });
 }
 
 /** Least and greatest of a chart's values, with room around them. */
@@ -172,34 +154,18 @@ function rangeOf(chart, data) {
 
 /** Draws a chart without its cursor, and keeps the picture. */
 function drawChart(chart) {
-  const { context, width, height } = prepare(chart.canvas);
-  if (!width) return;
-  const span_s = duration_s() || 1;
-  const x = (time_s) => EDGE.left + ((width - EDGE.left - EDGE.right) * time_s) / span_s;
-  chart.x = x;
-  const step_s = roundStep(span_s, width / 80);
-  for (const time_s of marks(0, span_s, step_s)) {
-    line(context, [[x(time_s), EDGE.top], [x(time_s), height - EDGE.bottom]], { color: colors.grid });
-    const align = !time_s ? "left" : x(time_s) > width - 24 ? "right" : "center";
-    write(context, `${label(time_s, step_s)} s`, x(time_s), height - 4, { color: colors.faint, align, size: 10 });
-  }
-  if (chart.lanes) drawLanes(chart, context, height);
-  else drawSeries(chart, context, width, height);
-  keep(chart);
+  const picture = prepare(chart.canvas);
+  if (!picture.width) return;
+  chart.x = axisAcross(picture, duration_s() || 1, "s");
+  if (chart.lanes) drawLanes(chart, picture);
+  else drawSeries(chart, picture);
+  chart.kept = copyOf(chart.canvas, chart.kept);
 }
 
-function drawSeries(chart, context, width, height) {
+function drawSeries(chart, picture) {
   const data = chart.series.map((series) => (series.points ? series.points() : []));
-  const [low, high] = rangeOf(chart, data);
-  const y = (value) => height - EDGE.bottom - ((height - EDGE.top - EDGE.bottom) * (value - low)) / (high - low);
-  const inside = (value) => y(Math.min(Math.max(value, low), high));
-  const step = roundStep(high - low, height / 24);
-  for (const value of marks(low, high, step)) {
-    const color = Math.abs(value) < step / 1e3 ? colors.line : colors.grid;
-    line(context, [[EDGE.left, y(value)], [width - EDGE.right, y(value)]], { color });
-    write(context, label(value, step), EDGE.left - 6, y(value), { color: colors.faint, align: "right", base: "middle", size: 10 });
-  }
-  chart.series.forEach((series, index) => drawOne(series, data[index], { context, x: chart.x, y: inside, width }));
+  const y = axisUp(picture, rangeOf(chart, data));
+  chart.series.forEach((series, index) => drawOne(series, data[index], { ...picture, x: chart.x, y }));
 }
 
 function drawOne(series, points, { context, x, y, width }) {
@@ -274,7 +240,7 @@ function pieces(points) {
   return list;
 }
 
-function drawLanes(chart, context, height) {
+function drawLanes(chart, { context, height }) {
   const { x, lanes } = chart;
   const tall = (height - EDGE.top - EDGE.bottom) / (lanes.length + 1);
   lanes.forEach((lane, index) => {
@@ -318,12 +284,6 @@ function runs(color) {
   return list;
 }
 
-function keep(chart) {
-  chart.kept ??= document.createElement("canvas");
-  [chart.kept.width, chart.kept.height] = [chart.canvas.width, chart.canvas.height];
-  chart.kept.getContext("2d").drawImage(chart.canvas, 0, 0);
-}
-
 /** The cursor at a step, and what holds there. */
 function markCharts(step) {
   for (const chart of CHARTS) {
@@ -355,7 +315,7 @@ function describeCharts() {
 }
 
 /** The strip above the slider: the outcomes, what the guard did, and a tick for every plan. All but the cursor is drawn once. */
-const strip = { kept: null, key: "" };
+const strip = { kept: undefined, key: "" };
 
 function drawStrip(canvas, index) {
   const { context, width, height } = prepare(canvas);
@@ -364,9 +324,7 @@ function drawStrip(canvas, index) {
   const key = [width, height, flight.steps.length, flight.plans.length, colors.ink].join();
   if (strip.key !== key) {
     paintStrip(context, x, height);
-    strip.kept ??= document.createElement("canvas");
-    [strip.kept.width, strip.kept.height, strip.key] = [canvas.width, canvas.height, key];
-    strip.kept.getContext("2d").drawImage(canvas, 0, 0);
+    Object.assign(strip, { kept: copyOf(canvas, strip.kept), key });
   } else context.drawImage(strip.kept, 0, 0, width, height);
   const step = flight.steps[index];
   if (step) line(context, [[x(step.time_s), 0], [x(step.time_s), height]], { color: colors.ink, width: 1.5 });

@@ -2,6 +2,10 @@
 
 /** `cut`: it was under way when whoever flies it fell silent. */
 const NOTHING = () => ({ steps: [], remembered: [], people: [], tracks: [], plans: [], detailed: [], signals: [], pictures: [], thinned: null, end: null });
+/** Where the records of a kind are. */
+const LISTS = {
+  step: "steps", remembered: "remembered", people: "people", tracks: "tracks", plan: "plans", signal: "signals", picture: "pictures",
+};
 const flight = { begin: null, ...NOTHING(), cut: false };
 /** Told, at most once a picture, that there are new records. */
 let refresh = () => {};
@@ -9,41 +13,11 @@ let refreshing = false;
 
 /** Takes in one record. */
 function add(record) {
-  switch (record.kind) {
-    case "begin":
-      Object.assign(flight, { begin: record, ...NOTHING() });
-      break;
-    case "step":
-      flight.steps.push(record);
-      break;
-    case "remembered":
-      flight.remembered.push(record);
-      break;
-    case "people":
-      flight.people.push(record);
-      break;
-    case "tracks":
-      flight.tracks.push(record);
-      break;
-    case "plan":
-      flight.plans.push(record);
-      if (!record.thinned) flight.detailed.push(record);
-      break;
-    case "signal":
-      flight.signals.push(record);
-      break;
-    case "picture":
-      flight.pictures.push(record);
-      break;
-    case "thinned":
-      flight.thinned = record;
-      break;
-    case "end":
-      flight.end = record;
-      break;
-    default:
-      return;
-  }
+  const { kind } = record;
+  if (kind === "begin") Object.assign(flight, { begin: record, ...NOTHING() });
+  else if (kind === "thinned" || kind === "end") flight[kind] = record;
+  else flight[LISTS[kind]]?.push(record);
+  if (kind === "plan" && !record.thinned) flight.detailed.push(record);
   if (!refreshing) {
     refreshing = true;
     requestAnimationFrame(() => {

@@ -46,6 +46,14 @@ const viridisTable = Array.from({ length: 256 }, (_, index) => viridis(index / 2
 const viridisCss = viridisTable.map(([r, g, b]) => `rgb(${r} ${g} ${b})`);
 const ramp = (share) => viridisCss[Math.round(255 * Math.min(Math.max(share || 0, 0), 1))];
 
+/** The colours of the shares 0 to 1, from left to right. */
+function paintRamp(context, [left, top, wide, high]) {
+  for (let x = 0; x < wide; x += 1) {
+    context.fillStyle = ramp(x / wide);
+    context.fillRect(left + x, top, 1.5, high);
+  }
+}
+
 /** A round step so that an interval has about `count` of them. */
 function roundStep(interval, count) {
   const rough = interval / Math.max(count, 1) || 1;
@@ -64,6 +72,52 @@ function marks(from, to, step) {
 function label(value, step) {
   const places = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
   return (Math.abs(value) < step / 1e3 ? 0 : value).toFixed(places);
+}
+
+/** The margins of a picture with axes. */
+const EDGE = { left: 46, right: 8, top: 8, bottom: 18 };
+
+/** Grid and numbers of the axis to the right, from zero; returns where a value is. */
+function axisAcross({ context, width, height }, most, unit) {
+  const x = (value) => EDGE.left + ((width - EDGE.left - EDGE.right) * value) / most;
+  const step = roundStep(most, width / 80);
+  for (const value of marks(0, most, step)) {
+    line(context, [[x(value), EDGE.top], [x(value), height - EDGE.bottom]], { color: colors.grid });
+    const align = !value ? "left" : x(value) > width - 24 ? "right" : "center";
+    write(context, `${label(value, step)} ${unit}`, x(value), height - 4, { color: colors.faint, align, size: 10 });
+  }
+  return x;
+}
+
+/** Of the axis upwards; what is beyond it is at its end. */
+function axisUp({ context, width, height }, [low, high]) {
+  const y = (value) => height - EDGE.bottom - ((height - EDGE.top - EDGE.bottom) * (Math.min(Math.max(value, low), high) - low)) / (high - low);
+  const step = roundStep(high - low, height / 26);
+  for (const value of marks(low, high, step)) {
+    const color = Math.abs(value) < step / 1e3 ? colors.line : colors.grid;
+    line(context, [[EDGE.left, y(value)], [width - EDGE.right, y(value)]], { color });
+    write(context, label(value, step), EDGE.left - 6, y(value), { color: colors.faint, align: "right", base: "middle", size: 10 });
+  }
+  return y;
+}
+
+/** A copy of a picture, over which what moves is drawn. */
+function copyOf(canvas, copy = document.createElement("canvas")) {
+  [copy.width, copy.height] = [canvas.width, canvas.height];
+  copy.getContext("2d").drawImage(canvas, 0, 0);
+  return copy;
+}
+
+/** Lets a canvas be pressed and dragged: calls back with the share of its width between the edges. */
+function scrub(canvas, { left, right }, to) {
+  const go = (event) => to(Math.min(Math.max((event.offsetX - left) / (canvas.clientWidth - left - right), 0), 1));
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    go(event);
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    if (event.buttons & 1) go(event);
+  });
 }
 
 function line(context, points, { color, width = 1, alpha = 1, dash = [] }) {

@@ -2,7 +2,6 @@
 
 /** The antennas' colours. */
 const ANTENNAS = ["blue", "orange", "green", "purple"];
-const RULES = { left: 40, right: 10, top: 8, bottom: 20 };
 
 function drawHeardSignal(step) {
   const signal = step && latest(flight.signals, step.time_s);
@@ -33,35 +32,25 @@ function powerRange() {
 }
 
 function drawSpectrum(canvas, signal) {
-  const { context, width, height } = prepare(canvas);
+  const picture = prepare(canvas);
+  const { context, width, height } = picture;
   if (!width || !flight.signals.length) return;
   const { bin_hz } = flight.begin;
   const bins = flight.signals[0].spectrum_db.length;
-  const [low, high] = powerRange();
   const top_khz = (bins * bin_hz) / 1000;
-  const x = (khz) => RULES.left + ((width - RULES.left - RULES.right) * khz) / top_khz;
-  const y = (db) => height - RULES.bottom - ((height - RULES.top - RULES.bottom) * (Math.min(Math.max(db, low), high) - low)) / (high - low);
-  const across = roundStep(top_khz, width / 60);
-  for (const khz of marks(0, top_khz, across)) {
-    line(context, [[x(khz), RULES.top], [x(khz), height - RULES.bottom]], { color: colors.grid });
-    write(context, khz ? label(khz, across) : "kHz", x(khz), height - 6, { color: colors.faint, align: "center", size: 10 });
-  }
-  const up = roundStep(high - low, height / 28);
-  for (const db of marks(low, high, up)) {
-    line(context, [[RULES.left, y(db)], [width - RULES.right, y(db)]], { color: colors.grid });
-    write(context, label(db, up), RULES.left - 6, y(db), { color: colors.faint, align: "right", base: "middle", size: 10 });
-  }
-  write(context, "dB of full scale", RULES.left + 4, RULES.top + 8, { color: colors.faint, size: 10 });
+  const x = axisAcross(picture, top_khz, "kHz");
+  const y = axisUp(picture, powerRange());
+  write(context, "dB of full scale", EDGE.left + 4, EDGE.top + 8, { color: colors.faint, size: 10 });
   if (!signal) return;
   if (signal.tone) {
     const khz = signal.tone.frequency_hz / 1000;
-    line(context, [[x(khz), RULES.top], [x(khz), height - RULES.bottom]], { color: colors.green, width: 1.5, dash: [4, 3] });
+    line(context, [[x(khz), EDGE.top], [x(khz), height - EDGE.bottom]], { color: colors.green, width: 1.5, dash: [4, 3] });
   }
   const wide = x((bin_hz / 1000)) - x(0);
   context.fillStyle = colors.blue;
   signal.spectrum_db.forEach((db, bin) => {
     const left = x((bin * bin_hz) / 1000);
-    context.fillRect(left + 0.5, y(db), Math.max(wide - 1, 1), height - RULES.bottom - y(db));
+    context.fillRect(left + 0.5, y(db), Math.max(wide - 1, 1), height - EDGE.bottom - y(db));
   });
   const loudest = signal.spectrum_db.indexOf(Math.max(...signal.spectrum_db));
   const at = `loudest at ${((loudest + 0.5) * bin_hz / 1000).toFixed(1)} kHz with ${signal.spectrum_db[loudest]} dB`;

@@ -1,4 +1,4 @@
-// Playing, keys, themes: what moves the time, and what is drawn when it has moved.
+// Playing and keys: what moves the time, and what is drawn when it has moved.
 
 const replay = { begin: null, index: 0, playing: false, atEnd: true, since_ms: 0, from_s: 0, drawn_ms: 0 };
 const stillness = window.matchMedia("(prefers-reduced-motion: reduce)");
@@ -172,26 +172,6 @@ function tellAloud(text) {
   telling = setTimeout(() => (byId("told").textContent = text), 600);
 }
 
-/** Light or dark: as the system has it, until somebody chooses. */
-function setUpTheme() {
-  const button = byId("theme");
-  const system = window.matchMedia("(prefers-color-scheme: dark)");
-  let chosen = null;
-  const show = () => {
-    const dark = chosen ?? system.matches;
-    document.documentElement.dataset.theme = dark ? "dark" : "light";
-    button.textContent = dark ? "Light" : "Dark";
-    button.setAttribute("aria-label", dark ? "Show light" : "Show dark");
-    redraw(true);
-  };
-  button.addEventListener("click", () => {
-    chosen = document.documentElement.dataset.theme !== "dark";
-    show();
-  });
-  system.addEventListener("change", show);
-  show();
-}
-
 /** New records have come. */
 refresh = () => {
   const { begin, steps } = flight;
@@ -228,15 +208,14 @@ function copyCommand() {
 }
 
 function setUp() {
-  setUpTheme();
   setUpTabs();
   setUpMap(byId("map"), redraw.bind(null, false));
   setUpSpace(byId("space"), redraw.bind(null, false));
-  setUpField(byId("field"), redraw.bind(null, false));
+  setUpField(redraw.bind(null, false));
   setUpSection(byId("section"), goTo);
   setUpPictures(seek);
   setUpCharts(seek);
-  scrub(byId("strip"), { left: THUMB, right: THUMB }, seek);
+  scrub(byId("strip"), { left: THUMB, right: THUMB }, (share) => seek(share * duration_s()));
   byId("time").addEventListener("input", (event) => goTo(Number(event.target.value)));
   byId("play").addEventListener("click", () => play(!replay.playing));
   byId("rate").addEventListener("change", () => replay.playing && goTo(replay.index));
@@ -245,6 +224,8 @@ function setUp() {
   byId("events").addEventListener("keydown", onEventKey);
   byId("find").addEventListener("input", showParameters);
   byId("copy").addEventListener("click", copyCommand);
+  // The canvases take the colours of the style sheet, which are light or dark as the system has it.
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => redraw(true));
   window.addEventListener("keydown", onKey);
   window.addEventListener("hashchange", fromAddress);
   new ResizeObserver(() => redraw(true)).observe(document.body);

@@ -79,7 +79,7 @@ function drawMap(canvas, index) {
   const picture = { context, width, height, at, time_s, step, plan };
 
   const detailed = latest(flight.detailed, time_s);
-  if (shown.has("potential") && detailed) drawPotential({ ...picture, plan: detailed });
+  if (shown.has("potential") && detailed) paintField({ ...picture, plan: detailed }, 0.55);
   drawGrid(picture);
   if (shown.has("view") && step) drawView(picture);
   if (shown.has("pillars")) drawPillars(picture);
@@ -90,7 +90,7 @@ function drawMap(canvas, index) {
   drawEnds(picture);
   if (shown.has("heard") && step) drawHeard(picture);
   drawPath(picture, index);
-  if (shown.has("samples") && plan) drawSamples(picture);
+  if (shown.has("samples") && plan) drawSamples(picture, onMap());
   if (step) drawVehicle(picture);
   drawAxes(picture);
 }
@@ -195,8 +195,12 @@ function drawPlans({ context, at, time_s }) {
   }
 }
 
-/** The samples of the plan in force, bluer where they cost less; those that may not be chosen are dashed. */
-function drawSamples({ context, at, plan }) {
+/** Colours of the samples: on the map, and on the heat map of the potential. */
+const onMap = () => ({ clear: colors.blue, refused: colors.faint, under: colors.ground, followed: colors.orange });
+const ON_HEAT = { clear: "#fff", refused: "#fff", under: "#000", followed: "#f0a830" };
+
+/** The samples of a plan, stronger where they cost less; those that may not be chosen are dashed. */
+function drawSamples({ context, at, plan }, { clear, refused, under, followed }) {
   const costs = plan.samples.map((sample) => sample.cost);
   const [least, greatest] = [Math.min(...costs), Math.max(...costs)];
   plan.samples.forEach((sample, index) => {
@@ -204,16 +208,16 @@ function drawSamples({ context, at, plan }) {
     const share = (sample.cost - least) / (greatest - least || 1);
     const path = [plan.start_m, ...sample.waypoints_m].map(at);
     line(context, path, sample.feasible
-      ? { color: colors.blue, width: 1.5, alpha: 0.95 - 0.55 * share }
-      : { color: colors.faint, width: 1, alpha: 0.6, dash: [2, 3] });
+      ? { color: clear, width: 1.5, alpha: 0.95 - 0.55 * share }
+      : { color: refused, width: 1, alpha: 0.6, dash: [2, 3] });
   });
   if (plan.origin !== "brake") {
     const path = [plan.start_m, ...plan.waypoints_m].map(at);
-    line(context, path, { color: colors.ground, width: 5, alpha: 0.8 });
-    line(context, path, { color: colors.orange, width: 3 });
-    plan.waypoints_m.forEach((waypoint) => disc(context, at(waypoint), 1.9, { fill: colors.orange }));
+    line(context, path, { color: under, width: 5, alpha: 0.8 });
+    line(context, path, { color: followed, width: 3 });
+    plan.waypoints_m.forEach((waypoint) => disc(context, at(waypoint), 1.9, { fill: followed }));
   }
-  disc(context, at(plan.target_m), 5, { fill: colors.ground, stroke: colors.orange, width: 2 });
+  disc(context, at(plan.target_m), 5, { fill: under, stroke: followed, width: 2 });
 }
 
 /** The places where the source may be, and the ellipse of two standard deviations. */
@@ -280,7 +284,7 @@ const PATH_POINTS = 2500;
 
 /** What was flown, coloured; what is still to come, faint. */
 function drawPath({ context, at }, index) {
-  const by = PATH_BY[document.getElementById("path-by").value];
+  const by = PATH_BY[byId("path-by").value];
   const [low, high] = by.range();
   // Of a long flight some steps, and none that would be drawn on the one before.
   const every = Math.ceil(flight.steps.length / PATH_POINTS);
@@ -328,15 +332,12 @@ function drawVehicle({ context, at, step }) {
 
 /** The scale of the path's colours. */
 function drawScale() {
-  const { context, width, height } = prepare(document.getElementById("scale"));
-  for (let x = 0; x < width; x += 1) {
-    context.fillStyle = ramp(x / width);
-    context.fillRect(x, 0, 1.5, height);
-  }
-  const by = PATH_BY[document.getElementById("path-by").value];
+  const { context, width, height } = prepare(byId("scale"));
+  paintRamp(context, [0, 0, width, height]);
+  const by = PATH_BY[byId("path-by").value];
   const [low, high] = by.range();
-  document.getElementById("scale-low").textContent = `${low} ${by.unit}`;
-  document.getElementById("scale-high").textContent = `${high.toFixed(2)} ${by.unit}`;
+  byId("scale-low").textContent = `${low} ${by.unit}`;
+  byId("scale-high").textContent = `${high.toFixed(2)} ${by.unit}`;
 }
 
 /** Makes a drag of the mouse, or of two fingers, call back; one finger scrolls the page. */
@@ -355,6 +356,26 @@ function onDrag(canvas, move) {
   for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => (last = null));
 }
 
+/** Calls back with how much nearer the wheel leads. */
+function onWheel(canvas, zoom) {
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    zoom(Math.exp(-event.deltaY / 500), event);
+  }, { passive: false });
+}
+
+/** The keys of a canvas, which are not those of the page while it has the focus. */
+function onKeys(canvas, keys, redraw) {
+  canvas.addEventListener("keydown", (event) => {
+    const isPages = event.ctrlKey || event.metaKey || event.altKey || (event.shiftKey && event.key.startsWith("Arrow"));
+    if (!keys[event.key] || isPages) return;
+    keys[event.key]();
+    event.preventDefault();
+    event.stopPropagation();
+    redraw();
+  });
+}
+
 /** Zooms, keeping what is at a pixel where it is. */
 function zoomMap(canvas, factor, x = canvas.clientWidth / 2, y = canvas.clientHeight / 2) {
   const scale = Math.min(Math.max(camera.scale * factor, 2), 2000);
@@ -369,7 +390,7 @@ function zoomMap(canvas, factor, x = canvas.clientWidth / 2, y = canvas.clientHe
 
 /** Lets the map be moved; `redraw` is called after every change. */
 function setUpMap(canvas, redraw) {
-  const press = (id, act) => document.getElementById(id).addEventListener("click", () => {
+  const press = (id, act) => byId(id).addEventListener("click", () => {
     act();
     redraw();
   });
@@ -377,7 +398,7 @@ function setUpMap(canvas, redraw) {
     camera.follows = !camera.follows;
     camera.fitted = !camera.follows && camera.fitted;
     if (camera.follows) camera.scale = Math.max(camera.scale, 90);
-    document.getElementById("zoom-follow").setAttribute("aria-pressed", String(camera.follows));
+    byId("zoom-follow").setAttribute("aria-pressed", String(camera.follows));
   };
   const fit = () => {
     if (camera.follows) follow();
@@ -387,30 +408,24 @@ function setUpMap(canvas, redraw) {
   press("zoom-out", () => zoomMap(canvas, 1 / 1.4));
   press("zoom-fit", fit);
   press("zoom-follow", follow);
-  canvas.addEventListener("wheel", (event) => {
-    event.preventDefault();
-    zoomMap(canvas, Math.exp(-event.deltaY / 500), event.offsetX, event.offsetY);
-    redraw();
-  }, { passive: false });
-  canvas.addEventListener("keydown", (event) => {
-    const [nearer, farther] = [() => zoomMap(canvas, 1.4), () => zoomMap(canvas, 1 / 1.4)];
-    const act = { "+": nearer, "=": nearer, "-": farther, 0: fit, f: follow }[event.key];
-    if (!act || event.ctrlKey || event.metaKey) return;
-    act();
+  onWheel(canvas, (factor, event) => {
+    zoomMap(canvas, factor, event.offsetX, event.offsetY);
     redraw();
   });
+  const [nearer, farther] = [() => zoomMap(canvas, 1.4), () => zoomMap(canvas, 1 / 1.4)];
+  onKeys(canvas, { "+": nearer, "=": nearer, "-": farther, 0: fit, f: follow }, redraw);
   onDrag(canvas, (dx, dy) => {
     camera.x_m -= dx / camera.scale;
     camera.y_m += dy / camera.scale;
     camera.fitted = false;
     redraw();
   });
-  document.getElementById("path-by").addEventListener("change", redraw);
+  byId("path-by").addEventListener("change", redraw);
   setUpLayers(redraw);
 }
 
 function setUpLayers(redraw) {
-  const fieldset = document.getElementById("layers");
+  const fieldset = byId("layers");
   for (const [name, text, color] of LAYERS) {
     const entry = document.createElement("label");
     const box = document.createElement("input");

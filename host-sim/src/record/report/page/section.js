@@ -32,23 +32,14 @@ function heightRange() {
 }
 
 function drawSection(canvas, index) {
-  const { context, width, height } = prepare(canvas);
+  const picture = prepare(canvas);
+  const { context, width, height } = picture;
   const { steps } = flight;
   if (!width || !steps.length) return;
   const list_m = distances_m();
   const span_m = Math.max(last(list_m), 1);
-  const [low, high] = heightRange();
-  const x = (distance_m) => EDGE.left + ((width - EDGE.left - EDGE.right) * distance_m) / span_m;
-  const y = (height_m) => height - EDGE.bottom - ((height - EDGE.top - EDGE.bottom) * (height_m - low)) / (high - low);
-  const [across, up] = [roundStep(span_m, width / 80), roundStep(high - low, height / 30)];
-  for (const distance_m of marks(0, span_m, across)) {
-    line(context, [[x(distance_m), EDGE.top], [x(distance_m), height - EDGE.bottom]], { color: colors.grid });
-    write(context, `${label(distance_m, across)} m`, x(distance_m), height - 4, { color: colors.faint, align: distance_m ? "center" : "left", size: 10 });
-  }
-  for (const height_m of marks(low, high, up)) {
-    line(context, [[EDGE.left, y(height_m)], [width - EDGE.right, y(height_m)]], { color: colors.grid });
-    write(context, label(height_m, up), EDGE.left - 6, y(height_m), { color: colors.faint, align: "right", base: "middle", size: 10 });
-  }
+  const x = axisAcross(picture, span_m, "m");
+  const y = axisUp(picture, heightRange());
   line(context, [[EDGE.left, y(0)], [width - EDGE.right, y(0)]], { color: colors["pillar-edge"], width: 2 });
   drawStages({ context, x, y, list_m, width });
   const beacon = [x(span_m), y(flight.begin.beacon_height_m)];
@@ -94,18 +85,9 @@ function sectionWords(step, index) {
 
 /** Presses and drags in the section lead to where the vehicle was that far along its path. */
 function setUpSection(canvas, goTo) {
-  const to = (event) => {
-    const share = (event.offsetX - EDGE.left) / (canvas.clientWidth - EDGE.left - EDGE.right);
-    const wanted_m = Math.min(Math.max(share, 0), 1) * last(distances_m());
-    const index = distances_m().findIndex((distance_m) => distance_m >= wanted_m);
+  scrub(canvas, EDGE, (share) => {
+    const index = distances_m().findIndex((distance_m) => distance_m >= share * last(distances_m()));
     goTo(index < 0 ? flight.steps.length - 1 : index);
-  };
-  canvas.addEventListener("pointerdown", (event) => {
-    canvas.setPointerCapture(event.pointerId);
-    to(event);
-  });
-  canvas.addEventListener("pointermove", (event) => {
-    if (event.buttons & 1) to(event);
   });
 }
 
@@ -121,21 +103,7 @@ function imageOfPicture(picture) {
   return null;
 }
 
-/** A picture with a circle around what is taken for the pad. */
-function paintPicture(context, picture, [left, top, wide, high]) {
-  const image = imageOfPicture(picture);
-  if (!image) return false;
-  const scale = wide / picture.columns;
-  context.imageSmoothingEnabled = false;
-  context.drawImage(image, left, top, wide, high);
-  if (picture.pad) {
-    const [column, row, radius] = picture.pad;
-    disc(context, [left + column * scale, top + row * scale], radius * scale, { stroke: "#ffffff", width: 1.5 });
-  }
-  return true;
-}
-
-/** What the camera saw last, and the pictures before and after it. */
+/** What the camera saw last, with a circle around what is taken for the pad. */
 function drawPictures(step) {
   const { pictures } = flight;
   const index = step ? indexAt(pictures, step.time_s) : -1;
@@ -145,37 +113,25 @@ function drawPictures(step) {
   const canvas = byId("camera");
   canvas.style.aspectRatio = `${picture.columns} / ${picture.rows}`;
   const { context, width, height } = prepare(canvas);
-  if (index >= 0 && width && paintPicture(context, picture, [0, 0, width, height])) canvas.dataset.time = String(picture.time_s);
+  const image = imageOfPicture(picture);
+  if (index >= 0 && width && image) {
+    context.imageSmoothingEnabled = false;
+    context.drawImage(image, 0, 0, width, height);
+    const [column, row, radius] = (picture.pad ?? []).map((pixels) => (pixels * width) / picture.columns);
+    if (picture.pad) disc(context, [column, row], radius, { stroke: "#ffffff", width: 1.5 });
+    canvas.dataset.time = String(picture.time_s);
+  }
   const text = index < 0 ? "no picture yet" : `${picture.seen}, from ${picture.height_m.toFixed(2)} m at ${picture.time_s.toFixed(1)} s; ${index + 1} of ${pictures.length}`;
   canvas.setAttribute("aria-label", `Picture of the camera: ${text}`);
   byId("camera-words").textContent = text;
-  drawFilm(byId("film"), Math.max(index, 0));
 }
 
-const FILM = 5;
-/** The first picture of the film, so that the one in force is in its middle. */
-const filmFrom = (index) => Math.max(Math.min(index - Math.floor(FILM / 2), flight.pictures.length - FILM), 0);
-
-function drawFilm(canvas, index) {
-  const { context, width, height } = prepare(canvas);
-  if (!width) return;
-  const from = filmFrom(index);
-  const wide = width / FILM;
-  flight.pictures.slice(from, from + FILM).forEach((picture, k) => {
-    const high = Math.min(((wide - 4) * picture.rows) / picture.columns, height - 4);
-    paintPicture(context, picture, [k * wide + 2, 2, wide - 4, high]);
-    if (from + k !== index) return;
-    context.strokeStyle = colors.orange;
-    context.lineWidth = 3;
-    context.strokeRect(k * wide + 1.5, 1.5, wide - 3, high + 1);
-  });
-}
-
-/** Presses on the film, and the buttons, lead to the time of a picture. */
+/** The buttons lead to the time of the picture before, and of the next. */
 function setUpPictures(seek) {
-  const here = () => indexAt(flight.pictures, flight.steps[replay.index]?.time_s ?? 0);
-  const to = (index) => flight.pictures[index] && seek(flight.pictures[index].time_s);
-  byId("picture-before").addEventListener("click", () => to(here() - 1));
-  byId("picture-after").addEventListener("click", () => to(here() + 1));
-  byId("film").addEventListener("click", (event) => to(filmFrom(Math.max(here(), 0)) + Math.floor((event.offsetX / event.target.clientWidth) * FILM)));
+  const to = (off) => {
+    const picture = flight.pictures[indexAt(flight.pictures, flight.steps[replay.index]?.time_s ?? 0) + off];
+    if (picture) seek(picture.time_s);
+  };
+  byId("picture-before").addEventListener("click", () => to(-1));
+  byId("picture-after").addEventListener("click", () => to(1));
 }

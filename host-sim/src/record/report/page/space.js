@@ -281,27 +281,17 @@ function setUpSpace(canvas, redraw) {
     redraw();
   };
   for (const name of Object.keys(modes)) byId(name).addEventListener("click", () => choose(name));
-  canvas.addEventListener("keydown", (event) => {
-    const keys = {
-      ArrowLeft: () => turnSpace(-14, 0), ArrowRight: () => turnSpace(14, 0), ArrowUp: () => turnSpace(0, 12), ArrowDown: () => turnSpace(0, -12),
-      "+": () => zoomSpace(1.2), "=": () => zoomSpace(1.2), "-": () => zoomSpace(1 / 1.2),
-      0: () => choose("space-fit"), f: () => choose("space-follow"), r: () => choose("space-ride"),
-    };
-    if (!keys[event.key] || event.ctrlKey || event.metaKey || event.altKey || event.shiftKey) return;
-    keys[event.key]();
-    event.preventDefault();
-    event.stopPropagation();
-    redraw();
-  });
-  canvas.addEventListener("wheel", (event) => {
-    event.preventDefault();
-    zoomSpace(Math.exp(-event.deltaY / 500));
-    redraw();
-  }, { passive: false });
-  const pinched = onPinch(canvas, (factor) => {
+  onKeys(canvas, {
+    ArrowLeft: () => turnSpace(-14, 0), ArrowRight: () => turnSpace(14, 0), ArrowUp: () => turnSpace(0, 12), ArrowDown: () => turnSpace(0, -12),
+    "+": () => zoomSpace(1.2), "=": () => zoomSpace(1.2), "-": () => zoomSpace(1 / 1.2),
+    0: () => choose("space-fit"), f: () => choose("space-follow"), r: () => choose("space-ride"),
+  }, redraw);
+  const zoom = (factor) => {
     zoomSpace(factor);
     redraw();
-  });
+  };
+  onWheel(canvas, zoom);
+  const pinched = onPinch(canvas, zoom);
   onDrag(canvas, (dx, dy) => {
     if (pinched()) return;
     turnSpace(dx, dy);

@@ -165,7 +165,7 @@ function fieldWords(plan) {
   const side_m = plan.field.step_m * (plan.field.columns - 1);
   const whose = field.of === "mean" ? "The mean gains" : `The gains of ${planned(plan)}`;
   return `${whose}, over ${side_m.toFixed(1)} m: attraction ${k_att.toFixed(2)}, repulsion ${k_rep.toFixed(3)} within ` +
-    `${influence_m.toFixed(2)} m; the swirl of ${swirl.toFixed(2)} has no potential. Height is the root of the potential, cut off at the top.`;
+    `${influence_m.toFixed(2)} m; the swirl of ${swirl.toFixed(2)} has no potential. Drawn is the root of the potential, cut off at the top.`;
 }
 
 /** The lines of what happened, in the order of time. */
