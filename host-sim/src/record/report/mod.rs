@@ -1,12 +1,12 @@
 //! The report of a flight: one self-contained HTML file that works offline.
 //!
-//! A [`Recorder`] watches the flight and makes records ([`record`] defines them). A file's are collected in [`Kept`],
+//! A [`Recorder`] watches the flight and makes records. A file's are collected in [`Kept`],
 //! which thins those of a long flight, packed as columns of whole numbers, and unpacked by the page's script, which
 //! takes them one by one with its function `add`. Those of a live flight arrive as they are made, a line of JSON each ([`Live`]).
 //!
 //! | file | content |
 //! |---|---|
-//! | `keep.rs`, `pack.rs` | what a file holds, and how |
+//! | `record.rs`, `keep.rs`, `pack.rs` | the records; which of them a file holds, and how |
 //! | `signal.rs`, `picture.rs` | records of what was heard and seen |
 //! | `page/page.html`, `page.css` | layout and style: light, dark, narrow |
 //! | `page/unpack.js`, `data.js` | the records of a file; `add(record)`, and the state at a time |
@@ -28,7 +28,7 @@ mod keep;
 mod live;
 mod pack;
 mod picture;
-pub mod record;
+pub(crate) mod record;
 mod recorder;
 mod signal;
 

@@ -18,15 +18,13 @@ use crate::scenario::Scenario;
 use crate::world::Horizontal;
 
 /// Version of the format; a page and its records come from the same program.
-pub const VERSION: u32 = 2;
+pub(super) const VERSION: u32 = 2;
 
 /// A line.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Record {
-    /// The first.
     Begin(Box<Begin>),
-    /// A step of the fast loop.
     Step(Step),
     /// The obstacle map has changed.
     Remembered(Remembered),
@@ -34,35 +32,27 @@ pub enum Record {
     People(People),
     /// The objects that are tracked.
     Tracks(Tracks),
-    /// A replan.
     Plan(Box<Plan>),
     /// What the antennas heard.
     Signal(Signal),
     /// A picture of the camera that looks down.
     Picture(Picture),
-    /// What was left out of the file.
     Thinned(Thinned),
-    /// The last.
     End(End),
 }
 
 /// A position or a vector: east, north.
-pub type Xy = [f64; 2];
+pub(crate) type Xy = [f64; 2];
 
 /// The flight's conditions.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Begin {
-    /// [`VERSION`].
     pub version: u32,
-    /// Version of the program.
     pub program: &'static str,
     /// The command that repeats the flight.
     pub command: String,
-    /// Seed of all random numbers.
     pub seed: u64,
-    /// Name of the planner.
     pub planner: &'static str,
-    /// Length of a step.
     pub tick_s: f64,
     /// Mean of the random gains.
     pub gains: Gains,
@@ -76,26 +66,19 @@ pub struct Begin {
     pub beacon_height_m: f64,
     /// Width of a bin of a signal's spectrum.
     pub bin_hz: f64,
-    /// World and vehicle.
     pub scenario: Scenario,
     /// The pillars that walls are made of, at their true positions: x, y, radius.
     pub walls: Vec<[f64; 3]>,
-    /// All parameters.
     pub parameters: Vec<Parameter>,
 }
 
 /// A parameter as a ground station shows it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Parameter {
-    /// Its name.
     pub name: &'static str,
-    /// Its value in this flight.
     pub value: Value,
-    /// Its default.
     pub default: Value,
-    /// Its unit.
     pub unit: &'static str,
-    /// What it does.
     pub what: &'static str,
 }
 
@@ -108,13 +91,10 @@ pub struct Step {
     pub place_m: Xy,
     /// Its height over the local origin.
     pub height_m: f64,
-    /// Direction of its nose.
     pub yaw_deg: f64,
-    /// Its true velocity.
     pub velocity_mps: Xy,
     /// Its true velocity upwards.
     pub climb_mps: f64,
-    /// Commanded velocity.
     pub setpoint_mps: Xy,
     /// Commanded velocity upwards.
     pub setpoint_climb_mps: f64,
@@ -123,9 +103,7 @@ pub struct Step {
     /// The velocity with which it would give way to moving obstacles; `None` if it need not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub evasion_mps: Option<Xy>,
-    /// Outcome of the step.
     pub outcome: &'static str,
-    /// Action of the guard.
     pub guard: &'static str,
     /// Its reason, where it did not just pass the command.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -138,7 +116,6 @@ pub struct Step {
     pub clearance_m: Option<f64>,
     /// True bearing of the beacon from the vehicle, and its distance.
     pub truth_deg: f64,
-    /// See `truth_deg`.
     pub truth_m: f64,
     /// The bearing measured in this step, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -146,13 +123,10 @@ pub struct Step {
     /// The bearing that guidance follows.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub followed_deg: Option<f64>,
-    /// Estimated position of the source.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub source_m: Option<Xy>,
-    /// Its standard deviation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub source_sigma_m: Option<f64>,
-    /// The temporary target.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub target_m: Option<Xy>,
 }
@@ -160,19 +134,16 @@ pub struct Step {
 /// The state of a landing.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Landing {
-    /// Its stage.
     pub stage: Stage,
     /// Why it hovers, or is back in this stage.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<&'static str>,
-    /// Whether the pad is seen.
     pub sees_pad: bool,
 }
 
 /// What the antennas heard in a step.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Signal {
-    /// When.
     pub time_s: f64,
     /// The tone; `None` if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -184,7 +155,6 @@ pub struct Signal {
 /// A tone at the four antennas.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Tone {
-    /// Its frequency.
     pub frequency_hz: f64,
     /// Amplitude at each antenna, in steps of the converter.
     pub amplitudes: [f64; 4],
@@ -195,16 +165,12 @@ pub struct Tone {
 /// A bearing.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Bearing {
-    /// Whether it is valid.
     pub valid: bool,
     /// Its direction; `None` without a valid attitude.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bearing_deg: Option<f64>,
-    /// Its standard deviation.
     pub sigma_deg: f64,
-    /// Signal to noise.
     pub snr_db: f64,
-    /// Its flags.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub flags: Vec<&'static str>,
 }
@@ -212,36 +178,28 @@ pub struct Bearing {
 /// The obstacle map.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Remembered {
-    /// When.
     pub time_s: f64,
-    /// x, y, radius of each.
     pub circles_m: Vec<[f64; 3]>,
 }
 
 /// The people who are present.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct People {
-    /// When.
     pub time_s: f64,
-    /// x, y, radius of each.
     pub circles_m: Vec<[f64; 3]>,
 }
 
 /// The tracked objects that move. Those that stand are in the map.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Tracks {
-    /// When.
     pub time_s: f64,
-    /// Each.
     pub tracks: Vec<Track>,
 }
 
 /// An object that is tracked.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Track {
-    /// Its estimated position.
     pub place_m: Xy,
-    /// Its estimated velocity.
     pub velocity_mps: Xy,
     /// Covariance of position and position (m2), position and velocity (m2/s), velocity and velocity (m2/s2): the
     /// same along both axes.
@@ -273,22 +231,15 @@ pub struct Plan {
     pub time_s: f64,
     /// Counts the requests.
     pub id: u32,
-    /// How it was made.
     pub origin: Origin,
-    /// Whether it searches for the signal.
     pub searches: bool,
-    /// Its start.
     pub start_m: Xy,
-    /// Its target.
     pub target_m: Xy,
-    /// The trajectory to follow.
     pub waypoints_m: Vec<Xy>,
     /// Its cost (eq. 41).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cost: Option<f64>,
-    /// Its gains.
     pub gains: Gains,
-    /// The samples.
     pub samples: Vec<Sample>,
     /// Which of them is followed.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -313,9 +264,7 @@ pub struct Plan {
 /// Parameters of the field.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Gains {
-    /// Attraction.
     pub k_att: f64,
-    /// Repulsion.
     pub k_rep: f64,
     /// Influence range.
     pub influence_m: f64,
@@ -326,20 +275,16 @@ pub struct Gains {
 /// A sampled trajectory.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Sample {
-    /// Its waypoints.
     pub waypoints_m: Vec<Xy>,
-    /// Its gains.
     pub gains: Gains,
     /// Its cost (eq. 41).
     pub cost: f64,
-    /// Whether it may be chosen.
     pub feasible: bool,
 }
 
 /// Mean and covariance of the source's position.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Belief {
-    /// Mean.
     pub mean_m: Xy,
     /// xx, xy, yy.
     pub covariance_m2: [f64; 3],
@@ -348,11 +293,8 @@ pub struct Belief {
 /// The potential on a raster, row by row from the south, each from the west; without the swirl, which has no potential.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Field {
-    /// Position of the first value.
     pub south_west_m: Xy,
-    /// From value to value.
     pub step_m: f64,
-    /// Values in a row.
     pub columns: usize,
     /// The potential with the gains of the plan.
     pub followed: Vec<f64>,
@@ -363,13 +305,9 @@ pub struct Field {
 /// A picture of the camera that looks down: every second pixel of every second line, in 16 shades of each colour.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Picture {
-    /// When.
     pub time_s: f64,
-    /// Height of the camera.
     pub height_m: f64,
-    /// Pixels in a line.
     pub columns: usize,
-    /// Lines.
     pub rows: usize,
     /// A PNG file, as Base64.
     pub png: String,
@@ -392,11 +330,8 @@ pub struct Thinned {
 /// How many of some records are in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Thin {
-    /// Of which.
     pub what: &'static str,
-    /// How many there were.
     pub all: u64,
-    /// How many there are.
     pub kept: u64,
 }
 
@@ -405,7 +340,6 @@ pub struct Thin {
 pub struct End {
     /// The object that `fly --json` prints.
     pub report: Report,
-    /// Steps flown.
     pub steps: u64,
 }
 
