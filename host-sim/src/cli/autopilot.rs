@@ -80,7 +80,7 @@ pub(super) struct AutopilotCommand {
     #[arg(long, value_name = "SEED:RATE", value_parser = noise)]
     noise: Option<(u64, f64)>,
     /// Ends after this many seconds [default: never].
-    #[arg(long, value_name = "S", value_parser = number(MAX_TIME_S), allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = number(MAX_TIME_S))]
     max_time: Option<f64>,
 }
 

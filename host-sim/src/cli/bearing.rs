@@ -73,13 +73,7 @@ pub(super) struct BearingCommand {
     #[arg(long, value_enum, default_value_t)]
     estimator: EstimatorName,
     /// Consecutive frames for each bearing.
-    #[arg(
-        long,
-        value_name = "K",
-        default_value_t = 1,
-        value_parser = whole::<u32>(1..=1_000_000),
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = whole::<u32>(1..=1_000_000))]
     looks: u32,
     /// Yaw at each frame: .npy, float64, rad, one per frame.
     #[arg(long, value_name = "FILE")]
@@ -109,28 +103,16 @@ pub(super) struct CalibrateCommand {
     #[arg(long, value_name = "FILE")]
     array: PathBuf,
     /// Where the source is, from the nose and clockwise; with --yaw, where it is at yaw zero.
-    #[arg(
-        long,
-        value_name = "DEG",
-        value_parser = number(AZIMUTH_DEG),
-        allow_negative_numbers = true,
-        required_unless_present = "splitter"
-    )]
+    #[arg(long, value_name = "DEG", value_parser = number(AZIMUTH_DEG), required_unless_present = "splitter")]
     azimuth_deg: Option<f64>,
     /// All channels get the same signal, through a splitter.
     #[arg(long, conflicts_with_all = ["azimuth_deg", "elevation_deg", "range_m", "yaw"])]
     splitter: bool,
     /// Elevation of the source.
-    #[arg(
-        long,
-        value_name = "DEG",
-        default_value_t = 0.0,
-        value_parser = number(ELEVATION_DEG),
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = number(ELEVATION_DEG))]
     elevation_deg: f64,
     /// Distance of the source [default: so far that its wave is plane].
-    #[arg(long, value_name = "M", value_parser = number(RANGE_M), allow_negative_numbers = true)]
+    #[arg(long, value_name = "M", value_parser = number(RANGE_M))]
     range_m: Option<f64>,
     /// Yaw at each frame: .npy, float64, rad, one per frame.
     #[arg(long, value_name = "FILE")]
@@ -142,7 +124,7 @@ pub(super) struct CalibrateCommand {
     #[arg(long)]
     skew: bool,
     /// Temperature of the receiver, for the record.
-    #[arg(long, value_name = "DEG_C", value_parser = number(TEMPERATURE_C), allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG_C", value_parser = number(TEMPERATURE_C))]
     temperature_c: Option<f64>,
 }
 

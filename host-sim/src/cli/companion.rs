@@ -95,25 +95,13 @@ pub(super) struct CompanionCommand {
     #[arg(long, value_name = "COMPUTER", default_value = "host")]
     via: Via,
     /// Horizontal speed of the fastest setpoint, in m/s; plans are flown at 1.3 at most [default: 2]
-    #[arg(long, value_name = "M/S", value_parser = number(V_MAX_MPS), allow_negative_numbers = true)]
+    #[arg(long, value_name = "M/S", value_parser = number(V_MAX_MPS))]
     v_max: Option<f64>,
     /// Radius of the vehicle, in metres.
-    #[arg(
-        long,
-        value_name = "M",
-        default_value_t = 0.15,
-        value_parser = number(DRONE_RADIUS_M),
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_name = "M", default_value_t = 0.15, value_parser = number(DRONE_RADIUS_M))]
     drone_radius: f64,
     /// Signal-to-noise ratio per sample of the antenna waveforms, in dB.
-    #[arg(
-        long,
-        value_name = "DB",
-        default_value_t = 20.0,
-        value_parser = number(SNR_DB),
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_name = "DB", default_value_t = 20.0, value_parser = number(SNR_DB))]
     snr_db: f64,
     /// Which planner, as for `fly`.
     #[arg(long, value_parser = planner_parser(), default_value = "foxhound", value_name = "PLANNER")]
@@ -122,7 +110,7 @@ pub(super) struct CompanionCommand {
     #[arg(long, value_enum, default_value_t)]
     estimator: EstimatorName,
     /// Gives up after so many seconds, from the start of the program [default: never].
-    #[arg(long, value_name = "S", value_parser = number(MAX_TIME_S), allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = number(MAX_TIME_S))]
     max_time: Option<f64>,
     /// Parameters, as `foxhound params` checks them; they overrule the options. What is stored by
     /// MAVLink is written to this file.

@@ -90,7 +90,7 @@ pub(super) struct Fly {
     #[arg(long, value_name = "COMPUTER", default_value = "host")]
     via: Via,
     /// Signal-to-noise ratio per sample of the antenna waveforms, in dB; overrides the scenario.
-    #[arg(long, value_name = "DB", value_parser = number(SNR_DB), allow_negative_numbers = true)]
+    #[arg(long, value_name = "DB", value_parser = number(SNR_DB))]
     snr_db: Option<f64>,
     /// File of parameters, as for `foxhound params`; they override the scenario.
     #[arg(long, value_name = "FILE")]
@@ -107,14 +107,7 @@ pub(super) struct Fly {
     #[command(flatten)]
     live: LiveArgs,
     /// Speed of the flight with `--live`, as a multiple of real time.
-    #[arg(
-        long,
-        value_name = "X",
-        default_value_t = 1.0,
-        value_parser = number(SPEED),
-        requires = "live",
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = number(SPEED), requires = "live")]
     speed: f64,
     /// Telemetry log of every MAVLink frame in both directions, with simulated time.
     #[arg(long, value_name = "FILE")]

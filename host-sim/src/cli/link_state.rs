@@ -21,13 +21,7 @@ const LINK_STATE_HELP: &str = "Examples:
 #[command(after_help = LINK_STATE_HELP)]
 pub(super) struct LinkState {
     /// Number of scenes to test it with [default: 500].
-    #[arg(
-        long,
-        value_name = "N",
-        value_parser = whole::<u32>(1..=100_000),
-        allow_negative_numbers = true,
-        conflicts_with_all = ["train", "check"]
-    )]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=100_000), conflicts_with_all = ["train", "check"])]
     scenes: Option<u32>,
     /// Trains it, and writes its weights and their accuracy.
     #[arg(long, conflicts_with = "check")]

@@ -41,10 +41,10 @@ pub(super) struct ListenCommand {
     #[command(flatten)]
     radio: RadioArgs,
     /// Frames or packets for each bearing of a recording.
-    #[arg(long, value_name = "K", default_value_t = 1, value_parser = whole::<u32>(1..=1_000_000), allow_negative_numbers = true)]
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = whole::<u32>(1..=1_000_000))]
     looks: u32,
     /// Duration of listening to a radio; Ctrl-C ends it earlier.
-    #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = number(SECONDS), allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = number(SECONDS))]
     seconds: f64,
     /// File of the page.
     #[arg(long, value_name = "FILE", default_value = "listen.html")]

@@ -24,7 +24,7 @@ pub(super) struct LiveArgs {
     #[arg(long)]
     live: bool,
     /// Port of the live page; 0: any free one [default: 8868].
-    #[arg(long, value_name = "N", value_parser = whole::<u16>(0..=65535), requires = "live", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(0..=65535), requires = "live")]
     port: Option<u16>,
 }
 

@@ -31,26 +31,13 @@ Examples:
 #[command(after_help = MAPS_HELP)]
 pub(super) struct MapsCommand {
     /// Row of the main paper's Table I.
-    #[arg(long, value_name = "K", value_parser = whole::<u32>(1..=5), allow_negative_numbers = true)]
+    #[arg(long, value_name = "K", value_parser = whole::<u32>(1..=5))]
     row: Option<u32>,
     /// Mean density.
-    #[arg(
-        long,
-        value_name = "SHARE",
-        value_parser = number(maps::MEAN),
-        allow_negative_numbers = true,
-        requires = "variance",
-        conflicts_with = "row"
-    )]
+    #[arg(long, value_name = "SHARE", value_parser = number(maps::MEAN), requires = "variance", conflicts_with = "row")]
     mean: Option<f64>,
     /// Variance of the density.
-    #[arg(
-        long,
-        value_name = "V",
-        value_parser = number(maps::VARIANCE),
-        allow_negative_numbers = true,
-        requires = "mean"
-    )]
+    #[arg(long, value_name = "V", value_parser = number(maps::VARIANCE), requires = "mean")]
     variance: Option<f64>,
     /// Dense on one side of a line, sparse on the other, as in row 5.
     #[arg(long, requires = "mean")]
@@ -65,31 +52,13 @@ pub(super) struct MapsCommand {
     )]
     bounds: Vec<f64>,
     /// Maps of each density.
-    #[arg(
-        long,
-        value_name = "N",
-        default_value_t = 4,
-        value_parser = whole::<u32>(1..=1000),
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = whole::<u32>(1..=1000))]
     count: u32,
     /// Start/goal pairs of each map.
-    #[arg(
-        long,
-        value_name = "P",
-        default_value_t = 40,
-        value_parser = whole::<u32>(1..=10_000),
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_name = "P", default_value_t = 40, value_parser = whole::<u32>(1..=10_000))]
     pairs: u32,
     /// Radius of the vehicle, metres.
-    #[arg(
-        long,
-        value_name = "M",
-        value_parser = number(DRONE_RADIUS_M),
-        allow_negative_numbers = true,
-        default_value_t = 0.15
-    )]
+    #[arg(long, value_name = "M", value_parser = number(DRONE_RADIUS_M), default_value_t = 0.15)]
     drone_radius: f64,
     /// Describes the maps of this suite file instead.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["row", "mean", "bounds"])]

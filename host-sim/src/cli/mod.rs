@@ -26,7 +26,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use foxhound_sim::autopilot::tlog;
 use foxhound_sim::scenario::input::InputError;
 use foxhound_sim::scenario::output;
@@ -63,13 +63,7 @@ struct Cli {
     #[arg(short, long, global = true)]
     quiet: bool,
     /// Seed of all random numbers; the same seed gives the same flight.
-    #[arg(
-        long,
-        global = true,
-        default_value_t = 1,
-        value_parser = whole::<u64>(0..=u64::MAX),
-        allow_negative_numbers = true
-    )]
+    #[arg(long, global = true, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     seed: u64,
     /// Folder for output files [default: out; with --json nothing is written unless requested].
     #[arg(long, global = true, value_name = "DIR")]
@@ -160,12 +154,23 @@ struct TlogCommand {
     raw: bool,
 }
 
+/// The command line. Every option takes negative numbers, so that they are refused with the range that is accepted.
+fn parse() -> Result<Cli, clap::Error> {
+    fn with_negatives(command: clap::Command) -> clap::Command {
+        let takes_number = |arg: &clap::Arg| arg.get_action().takes_values() && !arg.is_positional();
+        command
+            .mut_args(|arg| if takes_number(&arg) { arg.allow_negative_numbers(true) } else { arg })
+            .mut_subcommands(with_negatives)
+    }
+    Cli::from_arg_matches_mut(&mut with_negatives(Cli::command()).try_get_matches()?)
+}
+
 /// Runs the command.
 pub(crate) fn run() -> ExitCode {
     if let Err(error) = terminal::survive_limits() {
         warn(&format!("warning: {error}"));
     }
-    let cli = match Cli::try_parse() {
+    let cli = match parse() {
         Ok(cli) => cli,
         Err(shown) => {
             let code = u8::try_from(shown.exit_code()).unwrap_or(2);

@@ -55,7 +55,7 @@ pub(super) struct PadCommand {
     #[arg(long, value_name = "DIR", conflicts_with_all = ["image", "render", "height", "size", "grey", "focal", "radius"])]
     grounds: Option<PathBuf>,
     /// Height of the camera above the pad, in metres.
-    #[arg(long, value_name = "M", value_parser = number(HEIGHT_M), allow_negative_numbers = true)]
+    #[arg(long, value_name = "M", value_parser = number(HEIGHT_M))]
     height: Option<f64>,
     /// Columns and lines for the detector.
     #[arg(long, value_name = "WxH")]
@@ -64,10 +64,10 @@ pub(super) struct PadCommand {
     #[arg(long)]
     grey: bool,
     /// Focal length over the picture's width.
-    #[arg(long, value_name = "F", default_value_t = 0.866, value_parser = number(FOCAL), allow_negative_numbers = true)]
+    #[arg(long, value_name = "F", default_value_t = 0.866, value_parser = number(FOCAL))]
     focal: f64,
     /// Radius of the red disc, in metres.
-    #[arg(long, value_name = "M", default_value_t = 0.25, value_parser = number(RADIUS_M), allow_negative_numbers = true)]
+    #[arg(long, value_name = "M", default_value_t = 0.25, value_parser = number(RADIUS_M))]
     radius: f64,
 }
 

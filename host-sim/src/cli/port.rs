@@ -48,19 +48,13 @@ pub(super) struct PortCommand {
     #[arg(long, value_name = "DEVICE")]
     serial: PathBuf,
     /// Baud rate, bits per second.
-    #[arg(
-        long,
-        value_name = "N",
-        default_value_t = 921_600,
-        value_parser = whole::<u32>(BAUD_MIN..=BAUD_MAX),
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_name = "N", default_value_t = 921_600, value_parser = whole::<u32>(BAUD_MIN..=BAUD_MAX))]
     baud: u32,
     /// Records everything that is received.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
     /// Ends after this many seconds at the latest [default: 3 with a command, else never].
-    #[arg(long, value_name = "S", value_parser = number(MAX_TIME_S), allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = number(MAX_TIME_S))]
     seconds: Option<f64>,
     /// File for the frames of `dump` or `bringup`: int16, shape (frames, 4, 256).
     #[arg(long, value_name = "FILE")]

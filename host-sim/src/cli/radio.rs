@@ -31,19 +31,13 @@ pub(super) struct RadioArgs {
     #[arg(long, value_name = "ID", value_parser = identity)]
     emitter: Option<u64>,
     /// Direction of the array's zero, clockwise from the nose.
-    #[arg(
-        long,
-        value_name = "DEG",
-        default_value_t = 0.0,
-        value_parser = number(AZIMUTH_DEG),
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = number(AZIMUTH_DEG))]
     mount_deg: f64,
     /// Standard deviation of bearings that come without one (kraken, uudf).
-    #[arg(long, value_name = "DEG", default_value_t = 8.0, value_parser = number(SIGMA_DEG), allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", default_value_t = 8.0, value_parser = number(SIGMA_DEG))]
     sigma_deg: f64,
     /// Bearings older than this, in seconds, are not used.
-    #[arg(long, value_name = "S", default_value_t = 0.5, value_parser = number(AGE_S), allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", default_value_t = 0.5, value_parser = number(AGE_S))]
     bearing_age: f64,
 }
 

@@ -30,16 +30,16 @@ pub(super) struct Reproduce {
     #[arg(value_enum)]
     experiment: Name,
     /// apf-density: start/goal pairs of each row of Table I [default: 100].
-    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=10_000), allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=10_000))]
     pairs: Option<u32>,
     /// multipath: scenes of each kind [default: 50].
-    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=10_000), allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=10_000))]
     scenes: Option<u32>,
     /// stretch: trials of each condition [default: 1200].
-    #[arg(long, value_name = "N", value_parser = whole::<u32>(2..=100_000), allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(2..=100_000))]
     trials: Option<u32>,
     /// mmwave: scenarios [default: 200].
-    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=10_000), allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=10_000))]
     scenarios: Option<u32>,
 }
 

@@ -58,7 +58,7 @@ pub(super) struct SuiteCommand {
     /// Suite file; `foxhound maps` writes one.
     file: PathBuf,
     /// Flights at a time [default: as many as there are processors].
-    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=1024), allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=1024))]
     jobs: Option<u32>,
     /// Planner: `foxhound`, ours; `paper`, the main paper's, and `standard`, its baseline, with variants; the others are the baseline
     /// in the potential field of that name.
@@ -72,36 +72,29 @@ pub(super) struct SuiteCommand {
         long,
         value_name = "ROW[,INSTANCE[,PAIR]]",
         value_delimiter = ',',
-        value_parser = whole::<u32>(0..=u32::MAX.into()),
-        allow_negative_numbers = true
+        value_parser = whole::<u32>(0..=u32::MAX.into())
     )]
     only: Vec<u32>,
     /// Resumes the same suite with the same options where it was interrupted, in the same folder of --out.
     #[arg(long)]
     resume: bool,
     /// Only the first so many pairs of each map.
-    #[arg(long, value_name = "P", value_parser = whole::<u32>(0..=u32::MAX.into()), allow_negative_numbers = true)]
+    #[arg(long, value_name = "P", value_parser = whole::<u32>(0..=u32::MAX.into()))]
     pairs: Option<u32>,
     /// Only the Kth of N parts, which `foxhound merge` puts together; it is written to the folder of --out.
     #[arg(long, value_name = "K/N", conflicts_with = "dump_scenario")]
     shard: Option<Shard>,
     /// Radius of the vehicle, metres; overrules the file.
-    #[arg(long, value_name = "M", value_parser = number(DRONE_RADIUS_M), allow_negative_numbers = true)]
+    #[arg(long, value_name = "M", value_parser = number(DRONE_RADIUS_M))]
     drone_radius: Option<f64>,
     /// Vehicle model; overrules the file.
     #[arg(long, value_enum)]
     vehicle: Option<VehicleName>,
     /// Bearings with this much noise; overrules the file.
-    #[arg(
-        long,
-        value_name = "DEG",
-        value_parser = number(SIGMA_DEG),
-        allow_negative_numbers = true,
-        conflicts_with = "snr_db"
-    )]
+    #[arg(long, value_name = "DEG", value_parser = number(SIGMA_DEG), conflicts_with = "snr_db")]
     bearing_sigma_deg: Option<f64>,
     /// Antenna waveforms at this signal-to-noise ratio per sample, in dB; overrules the file.
-    #[arg(long, value_name = "DB", value_parser = number(SNR_DB), allow_negative_numbers = true)]
+    #[arg(long, value_name = "DB", value_parser = number(SNR_DB))]
     snr_db: Option<f64>,
     /// Writes a table of the flights as CSV, a row for each: docs/simulator.md lists the columns.
     #[arg(long, value_name = "FILE")]
