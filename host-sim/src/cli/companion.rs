@@ -11,23 +11,19 @@ use foxhound_core::base::time::Instant as Time;
 use foxhound_core::guidance;
 use foxhound_core::planning::planner;
 use foxhound_link::companion::Software;
-use foxhound_sim::autopilot::tlog;
 use foxhound_sim::autopilot::transport::{Address, Line};
 use foxhound_sim::drive::companion::{self, Config, Ends, Eyes, News, Provider};
 use foxhound_sim::drive::computer::{Computer, HostComputer};
-use foxhound_sim::drive::flight::{Ending, Report};
 use foxhound_sim::drive::qemu::QemuComputer;
-use foxhound_sim::record::mcap;
-use foxhound_sim::record::report::Recorder;
 use foxhound_sim::scenario::input::{DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, read_text};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::fly::{EstimatorName, Via, Written, look, path, planner_parser};
-use super::live::{LiveArgs, Watched};
+use super::fly::{EstimatorName, Via, exit_code, look, numbers, planner_parser, word};
 use super::radio::RadioArgs;
-use super::terminal::{interrupted, say, show_as, stop_flag, warn};
+use super::records::{RecordArgs, Written};
+use super::terminal::{say, show_as, stop_flag, warn};
 use super::value::{check_apart, number};
-use super::{Cli, check_writable, command_line, json_line};
+use super::{Cli, json_line};
 
 const COMPANION_HELP: &str = "Examples:
   foxhound companion --autopilot tcp:127.0.0.1:5760 --source 8,-9,-5
@@ -120,30 +116,20 @@ pub(super) struct CompanionCommand {
     /// 64 hexadecimal digits.
     #[arg(long, value_name = "FILE")]
     key: Option<PathBuf>,
-    /// Report of the flight: one interactive HTML file that works offline. Positions are those that the autopilot
-    /// reports; with `qemu:ELF` it has no plans.
-    #[arg(long, value_name = "FILE")]
-    report: Option<PathBuf>,
-    /// MCAP file of the flight, for Foxglove and others, with the content of the report.
-    #[arg(long, value_name = "FILE")]
-    mcap: Option<PathBuf>,
     #[command(flatten)]
-    live: LiveArgs,
-    /// Telemetry log of every MAVLink frame in both directions, with wall time.
-    #[arg(long, value_name = "FILE")]
-    tlog: Option<PathBuf>,
+    records: RecordArgs,
 }
 
 /// Three finite numbers with commas between.
 pub(super) fn triple(text: &str) -> Result<[f64; 3], String> {
-    numbers(text).ok_or_else(|| "expected three numbers in -10000..=10000, as in 8,-9,-5".to_owned())
+    several(text).ok_or_else(|| "expected three numbers in -10000..=10000, as in 8,-9,-5".to_owned())
 }
 
 fn pair(text: &str) -> Result<[f64; 2], String> {
-    numbers(text).ok_or_else(|| "expected two numbers in -10000..=10000, as in 8,-9".to_owned())
+    several(text).ok_or_else(|| "expected two numbers in -10000..=10000, as in 8,-9".to_owned())
 }
 
-fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
+fn several<const N: usize>(text: &str) -> Option<[f64; N]> {
     let number = |part: &str| part.trim().parse().ok().filter(|number: &f64| number.is_finite());
     text.split(',').map(number).collect::<Option<Vec<f64>>>()?.try_into().ok()
 }
@@ -191,15 +177,15 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
             "--v-max = {v_max_mps}: plans are flown at {fastest_mps:.2} m/s at most; only giving way is faster"
         ));
     }
+    let [report, mcap, tlog] = args.records.files();
     check_apart(&[
         ("--obstacles", args.obstacles.as_deref()),
         ("--params", args.params.as_deref()),
         ("--key", args.key.as_deref()),
-        ("--report", args.report.as_deref()),
-        ("--mcap", args.mcap.as_deref()),
-        ("--tlog", args.tlog.as_deref()),
+        report,
+        mcap,
+        tlog,
     ])?;
-    check_writable("--report", args.report.as_ref())?;
     // Checked here for every computer, so that a refused field is named the same way.
     let mut host = match &args.params {
         Some(path) => HostComputer::with_store(&config.guidance(), path)?,
@@ -207,8 +193,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     };
     let guidance = *host.config();
     let config = Config { ends: Ends::of(&guidance), ..config };
-    let recorder = || Recorder::new(&config.mission(), &guidance, command_line());
-    let mut watched = Watched::new(&args.live, args.report.as_deref(), recorder)?;
+    let mut records = args.records.begin(&config.mission(), &guidance)?;
     let mut qemu = match &args.via {
         Via::Host => None,
         // A real autopilot says more than QEMU takes from its serial line in real time.
@@ -226,13 +211,6 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     if let Some(turned) = line.turned() {
         warn(&format!("{}: cannot listen there; calls it instead, as {turned}", args.autopilot));
     }
-    let mut log = match &args.tlog {
-        Some(path) => Some(tlog::Writer::create(path).map_err(|error| InputError::new(format!("--tlog {error}")))?),
-        None => None,
-    };
-
-    let watcher = |path: &PathBuf| mcap::Log::create(path, &config.mission(), &guidance, command_line());
-    let mut foxglove = args.mcap.as_ref().map(watcher).transpose()?;
     let mut radio = args.radio.open()?;
     let stop = stop_flag()?;
     let mut progress = Progress::new(cli, args.autopilot.clone());
@@ -258,17 +236,16 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
             }
         };
         let bearings = radio.as_mut().map(|radio| radio as &mut dyn companion::Bearings);
-        let flown = companion::fly(&config, computer, &mut line, log.as_mut(), bearings, &stop, |news, moment| {
+        let mut tlog = records.tlog.take();
+        let flown = companion::fly(&config, computer, &mut line, tlog.as_mut(), bearings, &stop, |news, moment| {
             progress.tell_eyes(news.eyes, &guidance);
             progress.tell_text(news);
             progress.show(news);
-            if let (Some(watched), Some(moment)) = (&mut watched, moment) {
-                watched.watch(moment);
-            }
-            if let (Some(foxglove), Some(moment)) = (&mut foxglove, moment) {
-                foxglove.watch(moment);
+            if let Some(moment) = moment {
+                records.watch(moment);
             }
         })?;
+        records.tlog = tlog;
         progress.clear();
         if let Some(radio) = &radio {
             cli.note(&radio.summary());
@@ -283,29 +260,14 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     } else {
         companion::nobody_there(&config)
     };
-    if let Some(log) = log {
-        written.file(None, log.finish().map_err(|error| InputError::new(format!("--tlog {error}"))));
-    }
-    if let Some(watched) = &mut watched {
-        written.file(args.report.as_ref().map(|path| format!("report: {}", path.display())), watched.end(&report));
-    }
-    if let (Some(foxglove), Some(path)) = (foxglove, &args.mcap) {
-        written.file(Some(format!("MCAP: {}", path.display())), foxglove.end(&report));
-    }
+    records.end(&mut written, &report, true);
     if cli.json {
         say(&json_line(&report)?);
     } else {
-        show_as(look(report.result), &summary(&report));
+        show_as(look(report.result), &numbers(&report, " in control"));
     }
-    if let Some(watched) = watched.filter(|_| args.live.is_on()) {
-        watched.linger(cli, &stop);
-    }
-    Ok(match report.result {
-        _ if written.has_failed => ExitCode::from(2),
-        Ending::Reached => ExitCode::SUCCESS,
-        Ending::Interrupted => interrupted(),
-        Ending::Hold | Ending::Collision | Ending::Timeout => ExitCode::from(1),
-    })
+    records.linger(cli, &stop);
+    Ok(exit_code(report.result, &written))
 }
 
 fn refused(error: foxhound_sim::drive::qemu::QemuError) -> InputError {
@@ -446,31 +408,4 @@ fn state(news: &News) -> String {
     };
     let armed = if autopilot.armed { "armed" } else { "disarmed" };
     format!("{software}, {mode}, {armed}: {}", news.outcome.name())
-}
-
-fn word(ending: Ending) -> &'static str {
-    match ending {
-        Ending::Reached => "reached the beacon",
-        Ending::Hold => "holds",
-        Ending::Collision => "collided",
-        Ending::Timeout => "ended on the way",
-        Ending::Interrupted => "was interrupted",
-    }
-}
-
-/// A flight for people.
-fn summary(report: &Report) -> String {
-    let reason = if report.result == Ending::Reached { String::new() } else { format!(" ({})", report.reason) };
-    let mut text = format!("{}{reason} after {:.1} s in control\n", word(report.result), report.time_s);
-    text += &path(report);
-    if let Some(clearance_m) = report.min_clearance_m {
-        text += &format!("  least clearance  {clearance_m:.3} m\n");
-    }
-    if let Some(obstacles) = report.obstacles {
-        text += &format!("  obstacles        {obstacles}\n");
-    }
-    if let Some(rms_deg) = report.bearing_rms_deg {
-        text += &format!("  bearing error    {rms_deg:.2} deg rms\n");
-    }
-    text + &format!("  plans            {}\n", report.replans)
 }

@@ -11,22 +11,21 @@ use foxhound_computer::twin::Setup;
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::planning::planner;
 use foxhound_papers::apf;
-use foxhound_sim::autopilot::tlog;
 use foxhound_sim::drive::computer::{Computer, HostComputer};
-use foxhound_sim::drive::flight::{self, Ending, Mission, Record, Report};
+use foxhound_sim::drive::flight::{self, Ending, Mission, Report};
 use foxhound_sim::drive::g474::{self, G474Computer, Needs};
 use foxhound_sim::drive::qemu::QemuComputer;
-use foxhound_sim::record::report::{Beside, Recorder};
-use foxhound_sim::record::{mcap, plot};
+use foxhound_sim::record::plot;
+use foxhound_sim::record::report::Beside;
 use foxhound_sim::scenario::input::{InputError, SNR_DB, SPEED, check_within};
 use foxhound_sim::scenario::output;
 use foxhound_sim::scenario::params::Given;
 use foxhound_sim::scenario::{Scenario, SensorModel};
 
-use super::live::{LiveArgs, Pace, Watched};
-use super::terminal::{BAD, GOOD, HALF, interrupted, say, show_as, stop_flag, warn};
+use super::records::{Pace, RecordArgs, Written};
+use super::terminal::{BAD, GOOD, HALF, interrupted, say, show_as, stop_flag};
 use super::value::{check_apart, number};
-use super::{Cli, check_writable, command_line, ending, json_line};
+use super::{Cli, check_writable, ending, json_line};
 
 const FLY_HELP: &str = "Examples:
   foxhound fly --seed 7 --plot flight.png
@@ -98,20 +97,11 @@ pub(super) struct Fly {
     /// Picture of the flight, .svg or .png [default: flight.svg in the output folder].
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Report of the flight: one interactive HTML file that works offline.
-    #[arg(long, value_name = "FILE")]
-    report: Option<PathBuf>,
-    /// MCAP file of the flight, for Foxglove and others: map, 3-D, plots; docs/simulator.md lists the topics.
-    #[arg(long, value_name = "FILE")]
-    mcap: Option<PathBuf>,
     #[command(flatten)]
-    live: LiveArgs,
+    records: RecordArgs,
     /// Speed of the flight with `--live`, as a multiple of real time.
     #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = number(SPEED), requires = "live")]
     speed: f64,
-    /// Telemetry log of every MAVLink frame in both directions, with simulated time.
-    #[arg(long, value_name = "FILE")]
-    tlog: Option<PathBuf>,
     /// Flight log, for `foxhound replay`; with `qemu:ELF` the log that the firmware's maintenance port sent.
     #[arg(long, value_name = "FILE")]
     flight_log: Option<PathBuf>,
@@ -187,7 +177,7 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     if let Some(snr_db) = args.snr_db {
         scenario.bearing.set_snr_db("--snr-db", snr_db)?;
     }
-    if args.live.is_on() {
+    if args.records.live.is_on() {
         check_within("--speed", args.speed, &SPEED)?;
     }
     let mut mission = Mission { scenario, seed: cli.seed, planner: args.planner, estimator: args.estimator.into() };
@@ -199,18 +189,17 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         return Err(InputError::new(format!("--plot {}: expected a file ending in .svg or .png", path.display())));
     }
 
+    let [report, mcap, tlog] = args.records.files();
     check_apart(&[
         ("--scenario", args.scenario.as_deref()),
         ("--params", args.params.as_deref()),
         ("--plot", plot_path.as_deref()),
-        ("--report", args.report.as_deref()),
-        ("--mcap", args.mcap.as_deref()),
-        ("--tlog", args.tlog.as_deref()),
+        report,
+        mcap,
+        tlog,
         ("--flight-log", args.flight_log.as_deref()),
     ])?;
-    for (option, path) in [("--plot", &args.plot), ("--report", &args.report), ("--flight-log", &args.flight_log)] {
-        check_writable(option, path.as_ref())?;
-    }
+    check_writable("--flight-log", args.flight_log.as_ref())?;
     if let Some(path) = plot_path.as_deref() {
         if args.plot.is_none() { cli.claim(path) } else { check_writable("--plot", args.plot.as_ref()) }?;
     }
@@ -223,15 +212,13 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     }
     // Checked here for every computer, so that a refused field is named the same way.
     let host = HostComputer::new(&config).map_err(|error| given.beside(&config).named(error))?;
-    let recorder = || Recorder::new(&mission, &config, command_line());
-    let mut watched = Watched::new(&args.live, args.report.as_deref(), recorder)?;
+    let mut records = args.records.begin(&mission, &config)?;
     let mut computer: Box<dyn Computer> = match &args.via {
         Via::Host => Box::new(host),
         Via::Qemu(elf) => {
             let qemu = QemuComputer::start(elf, &Setup { guidance: config, needs_entry: false });
             let qemu = qemu.map_err(|error| InputError::new(format!("--via: {error}")))?;
-            let looks_inside = watched.is_some() || args.mcap.is_some();
-            if looks_inside { Box::new(Beside::new(qemu, host)) } else { Box::new(qemu) }
+            if records.look_inside() { Box::new(Beside::new(qemu, host)) } else { Box::new(qemu) }
         }
         Via::G474(elf) => {
             if mission.scenario.sensor.model == SensorModel::Circles {
@@ -243,31 +230,21 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
             Box::new(board.map_err(|error| InputError::new(format!("--via: {error}")))?)
         }
     };
-    let watcher = |path: &PathBuf| mcap::Log::create(path, &mission, &config, command_line());
-    let mut foxglove = args.mcap.as_ref().map(watcher).transpose()?;
-    let mut log = match &args.tlog {
-        Some(path) => Some(tlog::Writer::create(path).map_err(|error| InputError::new(format!("--tlog {error}")))?),
-        None => None,
-    };
-
     if args.flight_log.is_some() {
         computer.log_flight();
     }
     let progress = cli.bar("flying", mission.scenario.max_time_s as u64, "s at most");
-    let pace = args.live.is_on().then(|| Pace::new(args.speed));
+    let pace = args.records.live.is_on().then(|| Pace::new(args.speed));
     let stop = stop_flag()?;
-    let flown = flight::fly_until(&mission, computer.as_mut(), log.as_mut(), &stop, |moment| {
+    let mut tlog = records.tlog.take();
+    let flown = flight::fly_until(&mission, computer.as_mut(), tlog.as_mut(), &stop, |moment| {
         progress.set_position(moment.sample.time_s as u64);
-        if let Some(watched) = &mut watched {
-            watched.watch(moment);
-        }
-        if let Some(foxglove) = &mut foxglove {
-            foxglove.watch(moment);
-        }
+        records.watch(moment);
         if let Some(pace) = &pace {
             pace.wait(moment.sample.time_s, &stop);
         }
     });
+    records.tlog = tlog;
     progress.finish_and_clear();
     let record = flown.map_err(|error| InputError::new(error.to_string()))?;
     if let Some(table) = computer.time_spent() {
@@ -284,60 +261,29 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     }
     // If a file cannot be written, the others and the printed result are still complete.
     let mut written = Written { cli, has_failed: false };
-    if let Some(log) = log {
-        written.file(None, log.finish().map_err(|error| InputError::new(format!("--tlog {error}"))));
-    }
+    let page = records.end(&mut written, &record.report, cli.json);
     if let Some(path) = &args.flight_log {
         let log = output::write(path, &computer.take_flight_log());
         written.file(None, log.map_err(|error| InputError::new(format!("--flight-log {error}"))));
     }
-    let named = |name, path: &Path| cli.json.then(|| format!("{name}: {}", path.display()));
-    let plotted = plot_path.as_deref().filter(|path| written.file(named("picture", path), plot::draw(&record, path)));
-    let mut reported = args.report.as_deref();
-    if let Some(watched) = &mut watched {
-        let note = reported.and_then(|path| named("report", path));
-        // Browsers get the end even if no file was requested.
-        let is_there = written.file(note, watched.end(&record.report));
-        reported = reported.filter(|_| is_there);
-    }
-    if let (Some(foxglove), Some(path)) = (foxglove, &args.mcap) {
-        written.file(Some(format!("MCAP: {}", path.display())), foxglove.end(&record.report));
-    }
+    let named = |path: &Path| cli.json.then(|| format!("picture: {}", path.display()));
+    let plotted = plot_path.as_deref().filter(|path| written.file(named(path), plot::draw(&record, path)));
     if cli.json {
         say(&json_line(&record.report)?);
     } else {
-        show_as(look(record.report.result), &summary(&record, plotted, reported));
+        show_as(look(record.report.result), &summary(&record.report, plotted, page.as_deref()));
     }
-    if let Some(watched) = watched.filter(|_| args.live.is_on()) {
-        watched.linger(cli, &stop);
-    }
-    Ok(match record.report.result {
+    records.linger(cli, &stop);
+    Ok(exit_code(record.report.result, &written))
+}
+
+/// The exit status of a flight.
+pub(super) fn exit_code(ending: Ending, written: &Written<'_>) -> ExitCode {
+    match ending {
         _ if written.has_failed => ExitCode::from(2),
         Ending::Reached => ExitCode::SUCCESS,
         Ending::Interrupted => interrupted(),
         Ending::Hold | Ending::Collision | Ending::Timeout => ExitCode::from(1),
-    })
-}
-
-/// The files of a flight, each of which may fail.
-pub(super) struct Written<'a> {
-    pub(super) cli: &'a Cli,
-    pub(super) has_failed: bool,
-}
-
-impl Written<'_> {
-    /// Reports that a file is written, or why it is not; returns whether it is.
-    pub(super) fn file(&mut self, note: Option<String>, written: Result<(), InputError>) -> bool {
-        let is_there = written.is_ok();
-        match (written, note) {
-            (Ok(()), Some(note)) => self.cli.note(&note),
-            (Ok(()), None) => {}
-            (Err(error), _) => {
-                warn(&format!("error: {error}"));
-                self.has_failed = true;
-            }
-        }
-        is_there
     }
 }
 
@@ -350,39 +296,43 @@ pub(super) fn look(ending: Ending) -> Style {
     }
 }
 
-/// The line about the path and its ends, as far as they are known.
-pub(super) fn path(report: &Report) -> String {
-    let mut text = format!("  path             {:.2} m", report.path_length_m);
+pub(super) const fn word(ending: Ending) -> &'static str {
+    match ending {
+        Ending::Reached => "reached the beacon",
+        Ending::Hold => "holds",
+        Ending::Collision => "collided",
+        Ending::Timeout => "ran out of time",
+        Ending::Interrupted => "was interrupted",
+    }
+}
+
+/// How a flight ended, and its numbers as far as they are known, for people.
+pub(super) fn numbers(report: &Report, after: &str) -> String {
+    let reason = if report.result == Ending::Reached { String::new() } else { format!(" ({})", report.reason) };
+    let mut text = format!("{}{reason} after {:.1} s{after}\n", word(report.result), report.time_s);
+    let _ = write!(text, "  path             {:.2} m", report.path_length_m);
     if let Some(to_beacon_m) = report.to_beacon_m {
         let _ = write!(text, " to {to_beacon_m:.2} m from the beacon");
     }
     if let Some(straight_line_m) = report.straight_line_m {
         let _ = write!(text, ", straight line to the beacon {straight_line_m:.2} m");
     }
-    text + "\n"
-}
-
-/// A flight for people.
-fn summary(record: &Record, plot: Option<&Path>, page: Option<&Path>) -> String {
-    let report = &record.report;
-    let word = match report.result {
-        Ending::Reached => "reached the beacon",
-        Ending::Hold => "holds",
-        Ending::Collision => "collided",
-        Ending::Timeout => "ran out of time",
-        Ending::Interrupted => "was interrupted",
-    };
-    let mut text = String::new();
-    let reason = if report.result == Ending::Reached { String::new() } else { format!(" ({})", report.reason) };
-    let _ = writeln!(text, "{}: {word}{reason} after {:.1} s", report.name, report.time_s);
-    text += &path(report);
+    text.push('\n');
     if let Some(clearance_m) = report.min_clearance_m {
         let _ = writeln!(text, "  least clearance  {clearance_m:.3} m");
+    }
+    if let Some(obstacles) = report.obstacles {
+        let _ = writeln!(text, "  obstacles        {obstacles}");
     }
     if let Some(rms_deg) = report.bearing_rms_deg {
         let _ = writeln!(text, "  bearing error    {rms_deg:.2} deg rms");
     }
-    let _ = writeln!(text, "  plans            {}", report.replans);
+    text + &format!("  plans            {}\n", report.replans)
+}
+
+/// A flight for people.
+fn summary(report: &Report, plot: Option<&Path>, page: Option<&Path>) -> String {
+    let mut text = format!("{}: {}", report.name, numbers(report, ""));
     let _ = writeln!(text, "  trace            {} (seed {})", report.trace_hash, report.seed);
     for (name, path) in [("picture", plot), ("report ", page)] {
         if let Some(path) = path {

@@ -7,7 +7,7 @@ mod companion;
 mod fly;
 mod link_state;
 mod listen;
-mod live;
+
 mod maps;
 mod merge;
 mod pad;
@@ -15,6 +15,7 @@ mod pages;
 mod params;
 mod port;
 mod radio;
+mod records;
 mod replay;
 mod reproduce;
 mod suite;
