@@ -29,7 +29,7 @@ use std::process::ExitCode;
 
 use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use foxhound_sim::autopilot::tlog;
-use foxhound_sim::scenario::input::InputError;
+use foxhound_sim::scenario::input::{InputError, read_bytes};
 use foxhound_sim::scenario::output;
 use serde::Serialize;
 
@@ -272,7 +272,7 @@ fn print_schema(cli: &Cli) -> Result<ExitCode, InputError> {
 }
 
 fn read_log(cli: &Cli, args: &TlogCommand) -> Result<ExitCode, InputError> {
-    let bytes = std::fs::read(&args.file).map_err(|error| InputError::new(error.to_string()).in_file(&args.file))?;
+    let bytes = read_bytes(&args.file)?;
     let summary = if args.raw { tlog::read_raw(&bytes) } else { tlog::read_stamped(&bytes) };
     if summary.frames == 0 {
         let count = bytes.len();

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 use foxhound_sim::drive::replay::{self, Summary};
-use foxhound_sim::scenario::input::InputError;
+use foxhound_sim::scenario::input::{InputError, read_bytes};
 
 use super::terminal::{BAD, GOOD, say, show_as};
 use super::{Cli, json_line};
@@ -27,7 +27,7 @@ pub(super) struct ReplayCommand {
 }
 
 pub(super) fn replay(cli: &Cli, args: &ReplayCommand) -> Result<ExitCode, InputError> {
-    let bytes = std::fs::read(&args.file).map_err(|error| InputError::new(error.to_string()).in_file(&args.file))?;
+    let bytes = read_bytes(&args.file)?;
     let summary = replay::replay(&bytes).map_err(|error| error.in_file(&args.file))?;
     let is_identical = summary.is_identical();
     if cli.json {

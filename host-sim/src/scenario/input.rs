@@ -67,6 +67,14 @@ pub fn read_text(path: &Path) -> Result<String, InputError> {
     std::fs::read_to_string(path).map_err(|error| InputError::new(error.to_string()).in_file(path))
 }
 
+/// Reads a file.
+///
+/// # Errors
+/// Names the file.
+pub fn read_bytes(path: &Path) -> Result<Vec<u8>, InputError> {
+    std::fs::read(path).map_err(|error| InputError::new(error.to_string()).in_file(path))
+}
+
 /// Reads a document, refusing unknown keys at every level; `known` lists every valid key with its path, where `[]`
 /// stands for any element of a list.
 ///

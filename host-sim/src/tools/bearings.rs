@@ -14,14 +14,13 @@
 
 use std::f64::consts::PI;
 
-use foxhound_core::base::adc::{AdcFrame, CHANNELS};
-use foxhound_core::base::time::Instant;
+use foxhound_core::base::adc::CHANNELS;
 use foxhound_core::doa::beam::Arrival;
 use foxhound_core::doa::bearing::{self, Bearing, Estimator, Flags};
 use foxhound_core::signal::phase::{self, Complex, Phasors, Tone};
 use foxhound_papers::aoa::AnyBearingEstimator;
 use foxhound_papers::multipath;
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 
 use super::frames::{ArrayDescription, Recording};
 use crate::scenario::input::InputError;
@@ -40,7 +39,7 @@ pub struct Options {
     pub independent: bool,
 }
 
-/// One answer: a line of the output.
+/// One answer: a line of the output. A number that is not finite is null, as JSON has neither NaN nor infinity.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Line {
     /// Index of the (last) frame.
@@ -48,31 +47,22 @@ pub struct Line {
     /// Whether it is valid.
     pub valid: bool,
     /// Azimuth from the nose, clockwise positive.
-    #[serde(serialize_with = "finite")]
     pub azimuth_deg: Option<f64>,
     /// Its standard deviation.
-    #[serde(serialize_with = "finite")]
     pub sigma_deg: Option<f64>,
     /// Magnitude of the elevation.
-    #[serde(serialize_with = "finite")]
     pub elevation_deg: Option<f64>,
     /// Its standard deviation.
-    #[serde(serialize_with = "finite")]
     pub elevation_sigma_deg: Option<f64>,
     /// Signal-to-noise ratio per sample.
-    #[serde(serialize_with = "finite")]
     pub snr_db: Option<f64>,
     /// Frequency of the tone.
-    #[serde(serialize_with = "finite")]
     pub freq_hz: Option<f64>,
     /// Chi-square of the wavefront fit; `None` with a dead channel.
-    #[serde(serialize_with = "finite")]
     pub closure_chi2: Option<f64>,
     /// Forward-backward coherence; `None` with a dead channel.
-    #[serde(serialize_with = "finite")]
     pub coherence: Option<f64>,
     /// A hint of the range, where the wavefront is curved.
-    #[serde(serialize_with = "finite")]
     pub range_hint_m: Option<f64>,
     /// Names of the flags.
     pub flags: Vec<&'static str>,
@@ -88,7 +78,6 @@ pub struct ArrayLine {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub emitter: Option<i32>,
     /// The direction that antennas on a line cannot tell from this one.
-    #[serde(serialize_with = "finite")]
     pub mirror_deg: Option<f64>,
     /// How many directions fit nearly as well; the mirror is one.
     pub ambiguities: u8,
@@ -105,11 +94,6 @@ impl ArrayLine {
             ambiguities: arrival.ambiguities,
         }
     }
-}
-
-/// JSON holds neither NaN nor infinity.
-fn finite<S: Serializer>(value: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {
-    value.filter(|number| number.is_finite()).serialize(serializer)
 }
 
 const FLAG_NAMES: [(Flags, &str); 15] = [
@@ -184,9 +168,7 @@ fn find_in<const N: usize>(
     let config = bearing::Config { estimator: options.estimator, ..bearing::Config::default() };
     let array = description.array.build()?;
     let estimator = AnyBearingEstimator::build(&config, array)?;
-    let block_us = 1e6 * N as f64 / f64::from(description.phase.sample_rate_hz);
     let mut state = phase::State::<N>::default();
-    let mut snapshot = AdcFrame::<N>::zeroed();
     let resolver = multipath::Config {
         // The caller vouches for the looks.
         move_min_wavelengths: 0.0,
@@ -197,13 +179,9 @@ fn find_in<const N: usize>(
     let resolver = (options.estimator == Estimator::CrossSpectrum).then_some(resolver);
     let mut group: Vec<Look> = Vec::with_capacity(looks);
     let mut lines = Vec::with_capacity(recording.frames().len() / looks);
-    for (frame, codes) in recording.frames().enumerate() {
+    for (frame, snapshot) in recording.snapshots(description.phase.sample_rate_hz).enumerate() {
         if options.independent && frame % looks == 0 {
             state = phase::State::default();
-        }
-        snapshot.time = Instant(((frame as f64 + 0.5) * block_us) as u64);
-        for (row, source) in snapshot.codes.iter_mut().zip(codes.chunks_exact(codes.len() / CHANNELS)) {
-            row.copy_from_slice(source);
         }
         let phasors = extractor.step(&mut state, &snapshot);
         let yaw_rad = wrap_pi(options.yaw_rad.get(frame).copied().unwrap_or(0.0));
@@ -396,6 +374,7 @@ mod tests {
     use crate::world::Pose;
     use crate::world::antennas::{Antennas, Impairments, Reflection};
     use crate::world::random::Random;
+    use foxhound_core::base::time::Instant;
     use foxhound_core::doa::array;
 
     fn look(azimuth_deg: f32, sigma_deg: f32) -> Bearing {

@@ -6,8 +6,7 @@
 //! bearings of the calibrated array. A frame without information about some channel is refused, and nothing is
 //! written.
 
-use foxhound_core::base::adc::{AdcFrame, CHANNELS};
-use foxhound_core::base::time::Instant;
+use foxhound_core::base::adc::CHANNELS;
 use foxhound_core::doa::array::{self, Entry, TABLE_ENTRIES, Table};
 use foxhound_core::doa::bearing;
 use foxhound_core::doa::calibration::deviation::{Deviation, Spin};
@@ -234,13 +233,7 @@ fn listen_in<const N: usize>(
 ) -> Result<Vec<(Phasors, Option<usize>)>, InputError> {
     let extractor = config.build::<N>()?;
     let mut state = phase::State::<N>::default();
-    let mut snapshot = AdcFrame::<N>::zeroed();
-    let block_us = 1e6 * N as f64 / f64::from(config.sample_rate_hz);
-    let looks = recording.frames().enumerate().map(|(frame, codes)| {
-        snapshot.time = Instant(((frame as f64 + 0.5) * block_us) as u64);
-        for (row, source) in snapshot.codes.iter_mut().zip(codes.chunks_exact(codes.len() / CHANNELS)) {
-            row.copy_from_slice(source);
-        }
+    let looks = recording.snapshots(config.sample_rate_hz).map(|snapshot| {
         // Frames need not follow each other.
         state.reset();
         let phasors = extractor.step(&mut state, &snapshot);

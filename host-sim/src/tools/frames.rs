@@ -28,6 +28,7 @@ use std::io::Cursor;
 use std::path::Path;
 
 use foxhound_core::base::adc::{AdcFrame, CHANNELS, CODE_MAX, CODE_MIN};
+use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array::{self, Entry, Table};
 use foxhound_core::doa::calibration::deviation::{Deviation, ORDER};
 use foxhound_core::doa::calibration::record::Calibration;
@@ -35,7 +36,9 @@ use foxhound_core::signal::phase::{self, Complex};
 use npyz::{NpyFile, Order, WriterBuilder as _};
 use serde::Deserialize;
 
-use crate::scenario::input::{Exactly, InputError, check, parse_strictly, read_text, refuse_lists_for_tables};
+use crate::scenario::input::{
+    Exactly, InputError, check, parse_strictly, read_bytes, read_text, refuse_lists_for_tables,
+};
 use crate::scenario::output::{self, Output};
 
 /// Block lengths that the core is compiled for.
@@ -65,7 +68,7 @@ impl Recording {
     /// # Errors
     /// Names the file and what is wrong with it.
     pub fn read(path: &Path) -> Result<Self, InputError> {
-        let bytes = std::fs::read(path).map_err(|error| InputError::new(error.to_string()).in_file(path))?;
+        let bytes = read_bytes(path)?;
         Self::parse(&bytes).map_err(|error| error.in_file(path))
     }
 
@@ -123,6 +126,17 @@ impl Recording {
         Ok(Self { block_length, codes })
     }
 
+    /// The frames as the flight computer has them, sampled one after another.
+    pub(super) fn snapshots<const N: usize>(&self, sample_rate_hz: f32) -> impl Iterator<Item = AdcFrame<N>> {
+        let block_us = 1e6 * N as f64 / f64::from(sample_rate_hz);
+        self.frames().enumerate().map(move |(frame, codes)| {
+            let mut snapshot = AdcFrame::zeroed();
+            snapshot.time = Instant(((frame as f64 + 0.5) * block_us) as u64);
+            snapshot.codes.as_flattened_mut().copy_from_slice(codes);
+            snapshot
+        })
+    }
+
     /// The frames in order, each four rows of `block_length` samples.
     pub fn frames(&self) -> impl ExactSizeIterator<Item = &[i16]> {
         self.codes.chunks_exact(CHANNELS * self.block_length)
@@ -134,7 +148,7 @@ impl Recording {
 /// # Errors
 /// Names the file and what is wrong with it.
 pub fn read_yaw(path: &Path, frames: usize) -> Result<Vec<f64>, InputError> {
-    let bytes = std::fs::read(path).map_err(|error| InputError::new(error.to_string()).in_file(path))?;
+    let bytes = read_bytes(path)?;
     parse_yaw(&bytes, frames).map_err(|error| error.in_file(path))
 }
 

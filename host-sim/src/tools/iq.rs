@@ -22,8 +22,8 @@ use rustfft::FftPlanner;
 use super::bearings::ArrayLine;
 use super::frames::{npy_type, read_npy};
 use super::radio_array::RadioArray;
-use super::{eigen, sigmf, wav};
-use crate::scenario::input::InputError;
+use super::{sigmf, wav};
+use crate::scenario::input::{InputError, read_bytes};
 
 /// An offset is known from so many frames, in which so much of their means is alike.
 const OFFSET_FRAMES: usize = 8;
@@ -63,18 +63,14 @@ impl Frames {
             let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
             endings.iter().any(|ending| extension.eq_ignore_ascii_case(ending))
         };
-        let (channels, samples, values, is_real, kind) = if ends(&["sigmf-meta", "sigmf-data"]) {
-            let (channels, samples, values, kind) = sigmf::read(path, array.sample_rate_hz)?;
-            (channels, samples, values, false, kind.to_owned())
+        let read = if ends(&["sigmf-meta", "sigmf-data"]) {
+            sigmf::read(path, array.sample_rate_hz)?
         } else if ends(&["wav"]) {
-            let recording = wav::read(path, antennas, array.sample_rate_hz)?;
-            let wav::Recording { channels, samples, values, is_real, kind } = recording;
-            (channels, samples, values, is_real, kind)
+            wav::read(path, antennas, array.sample_rate_hz)?
         } else {
-            let bytes = std::fs::read(path).map_err(|error| InputError::new(error.to_string()).in_file(path))?;
-            return Self::parse(&bytes, array).map_err(|error| error.in_file(path));
+            read_frames(&read_bytes(path)?).map_err(|error| error.in_file(path))?
         };
-        Self::checked((channels, samples, values, is_real, kind), antennas).map_err(|error| error.in_file(path))
+        Self::checked(read, antennas).map_err(|error| error.in_file(path))
     }
 
     /// Reads the bytes of a `.npy` file.
@@ -140,7 +136,8 @@ impl Frames {
     }
 }
 
-type Read = (usize, usize, Vec<Complex32>, bool, String);
+/// What a file holds: channels, samples of a frame, the frames' values, channel after channel; whether they are real; the format.
+pub(super) type Read = (usize, usize, Vec<Complex32>, bool, String);
 
 fn read_frames(bytes: &[u8]) -> Result<Read, InputError> {
     match npy_type(bytes).as_ref().map(|(name, _)| name.as_str()) {
@@ -181,18 +178,8 @@ pub fn find(frames: &Frames, array: &RadioArray, looks: usize) -> Result<Vec<Arr
     find_watched(frames, array, looks, |_| ())
 }
 
-/// The results, and the eigenvalues of the covariance of each.
-pub(super) fn find_with_eigenvalues(
-    frames: &Frames,
-    array: &RadioArray,
-    looks: usize,
-) -> Result<(Vec<ArrayLine>, Vec<Vec<f64>>), InputError> {
-    let mut all = Vec::new();
-    let lines = find_watched(frames, array, looks, |covariance| all.push(eigen::values(covariance, frames.channels)))?;
-    Ok((lines, all))
-}
-
-fn find_watched(
+/// The results; `watch` sees the covariance of each.
+pub(super) fn find_watched(
     frames: &Frames,
     array: &RadioArray,
     looks: usize,

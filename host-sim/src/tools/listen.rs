@@ -2,9 +2,11 @@
 
 use std::path::Path;
 
+use foxhound_core::doa::beam::Covariance;
 use rustfft::FftPlanner;
 
 use super::bearings::ArrayLine;
+use super::eigen;
 use super::iq::{self, Frames};
 use super::radio_array::RadioArray;
 use super::switched::{self, Packets};
@@ -33,14 +35,16 @@ pub struct Listened {
 /// # Errors
 /// Names the file or the key, and what is wrong with it.
 pub fn listen(path: &Path, array: &RadioArray, looks: usize) -> Result<Listened, InputError> {
+    let mut eigenvalues = Vec::new();
+    let mut watch = |covariance: &Covariance| eigenvalues.push(eigen::values(covariance, array.beam.count));
     if array.switch.is_some() {
         let packets = Packets::read(path, None, array)?;
-        let (lines, eigenvalues) = switched::find_with_eigenvalues(&packets, array, looks)?;
+        let (lines, _) = switched::find_watched(&packets, array, looks, |group| watch(&group.covariance()))?;
         let taken = packets.taken().to_owned();
         return Ok(Listened { lines, eigenvalues, spectrum: Vec::new(), band_hz: None, taken });
     }
     let frames = Frames::read(path, array)?;
-    let (lines, eigenvalues) = iq::find_with_eigenvalues(&frames, array, looks)?;
+    let lines = iq::find_watched(&frames, array, looks, watch)?;
     let (spectrum, band_hz) = (spectrum(&frames, array.sample_rate_hz), array.band_hz);
     Ok(Listened { lines, eigenvalues, spectrum, band_hz, taken: frames.taken() })
 }

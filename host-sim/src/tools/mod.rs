@@ -7,7 +7,7 @@
 //! | [`radio_array`] | the description of the array of another receiver: behind a switch, or with complex samples |
 //! | [`switched`] | `foxhound bearing --switched` |
 //! | [`iq`] | `foxhound bearing --iq` |
-//! | [`sigmf`], `wav`, `hci` | read SigMF and WAV recordings, and Bluetooth IQ reports |
+//! | `sigmf`, `wav`, `hci` | read SigMF and WAV recordings, and Bluetooth IQ reports |
 //! | [`listen`] | bearings, spectrum and eigenvalues of a recording: `foxhound listen` |
 //! | [`live`] | bearings of a live radio: `foxhound companion --bearings` |
 //! | [`calibrate`] | `foxhound calibrate` |
@@ -21,6 +21,6 @@ pub mod iq;
 pub mod listen;
 pub mod live;
 pub mod radio_array;
-pub mod sigmf;
+mod sigmf;
 pub mod switched;
 mod wav;

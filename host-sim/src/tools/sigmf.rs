@@ -10,18 +10,19 @@ use num_complex::Complex32;
 use serde_json::Value;
 
 use super::frames::{FRAME, frame_starts};
-use crate::scenario::input::{InputError, read_text};
+use super::iq::Read;
+use crate::scenario::input::{InputError, read_bytes, read_text};
 
-/// Reads a recording: channels, samples of a frame, the frames' values, channel after channel, and their type.
+/// Reads a recording.
 ///
 /// # Errors
 /// Names the file, the key and its value.
-pub fn read(path: &Path, sample_rate_hz: f64) -> Result<(usize, usize, Vec<Complex32>, &'static str), InputError> {
+pub(super) fn read(path: &Path, sample_rate_hz: f64) -> Result<Read, InputError> {
     let (meta, data) = (path.with_extension("sigmf-meta"), path.with_extension("sigmf-data"));
     let about = Meta::parse(&read_text(&meta)?, sample_rate_hz).map_err(|error| error.in_file(&meta))?;
-    let bytes = std::fs::read(&data).map_err(|error| InputError::new(error.to_string()).in_file(&data))?;
+    let bytes = read_bytes(&data)?;
     let (channels, samples, values) = about.frames(&bytes).map_err(|error| error.in_file(&data))?;
-    Ok((channels, samples, values, about.datatype.name()))
+    Ok((channels, samples, values, false, about.datatype.name().to_owned()))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -11,10 +11,10 @@ use num_complex::Complex32;
 
 use super::bearings::ArrayLine;
 use super::frames::read_npy;
+use super::hci;
 use super::hci::Packet;
 use super::radio_array::RadioArray;
-use super::{eigen, hci};
-use crate::scenario::input::InputError;
+use crate::scenario::input::{InputError, read_bytes};
 
 /// Packets of slots of complex samples, and the transmitter of each.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,12 +32,12 @@ impl Packets {
     /// # Errors
     /// Names the file and what is wrong with it.
     pub fn read(path: &Path, emitters: Option<&Path>, array: &RadioArray) -> Result<Self, InputError> {
-        let bytes = bytes_of(path)?;
+        let bytes = read_bytes(path)?;
         let is_npy = bytes.starts_with(b"\x93NUMPY") || path.extension().is_some_and(|extension| extension == "npy");
         let read = if is_npy { Self::parse(&bytes) } else { Self::of_reports(&bytes, array) };
         let mut read = read.map_err(|error| error.in_file(path))?;
         if let Some(path) = emitters {
-            read.set_emitters(&bytes_of(path)?).map_err(|error| error.in_file(path))?;
+            read.set_emitters(&read_bytes(path)?).map_err(|error| error.in_file(path))?;
         }
         Ok(read)
     }
@@ -102,10 +102,6 @@ impl Packets {
     }
 }
 
-fn bytes_of(path: &Path) -> Result<Vec<u8>, InputError> {
-    std::fs::read(path).map_err(|error| InputError::new(error.to_string()).in_file(path))
-}
-
 fn parse_emitters(bytes: &[u8], packets: usize) -> Result<Vec<i32>, InputError> {
     let (shape, emitters) = read_npy::<i32>(bytes, "int32")?;
     if shape != [packets as u64] {
@@ -152,19 +148,8 @@ pub fn find(packets: &Packets, array: &RadioArray, looks: usize) -> Result<(Vec<
     find_watched(packets, array, looks, |_| ())
 }
 
-/// The results, and the eigenvalues of the covariance of each.
-pub(super) fn find_with_eigenvalues(
-    packets: &Packets,
-    array: &RadioArray,
-    looks: usize,
-) -> Result<(Vec<ArrayLine>, Vec<Vec<f64>>), InputError> {
-    let mut all = Vec::new();
-    let (lines, _) =
-        find_watched(packets, array, looks, |group| all.push(eigen::values(&group.covariance(), array.beam.count)))?;
-    Ok((lines, all))
-}
-
-fn find_watched(
+/// The results, as [`find`] has them; `watch` sees the group of each.
+pub(super) fn find_watched(
     packets: &Packets,
     array: &RadioArray,
     looks: usize,
