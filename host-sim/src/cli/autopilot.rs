@@ -44,12 +44,6 @@ const GIVES_AFTER_US: u64 = 2_000_000;
 /// A companion that has been silent for so long is gone.
 const SILENT_US: u64 = 3_000_000;
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum SoftwareName {
-    Arducopter,
-    Px4,
-}
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Begin {
     /// In the air; the pilot gives control to every companion that is heard.
@@ -68,8 +62,8 @@ pub(super) struct AutopilotCommand {
     #[arg(long, value_name = "ADDRESS")]
     listen: Listen,
     /// Software of the autopilot.
-    #[arg(long, value_enum, default_value_t = SoftwareName::Arducopter)]
-    software: SoftwareName,
+    #[arg(long, value_enum, default_value_t = Software::ArduCopter)]
+    software: Software,
     /// State at the start.
     #[arg(long, value_enum, default_value_t = Begin::InControl)]
     begin: Begin,
@@ -193,14 +187,12 @@ pub(super) fn autopilot(cli: &Cli, args: &AutopilotCommand) -> Result<ExitCode, 
     let [north, east, altitude] = args.start;
     let altitude = if args.begin == Begin::Parked { 0.0 } else { altitude };
     let pose = Pose { position_ned_m: [north, east, -altitude], ..Pose::default() };
-    let mut autopilot = model_at_start(args);
+    let begin = if args.begin == Begin::Parked { Start::Parked } else { Start::Hovering };
+    let mut autopilot = Autopilot::new(args.software, begin);
     let hover_mode = autopilot.custom_mode;
     let mut pilot = (args.begin == Begin::InControl).then(Pilot::default);
-    let model = scenario::Vehicle {
-        model: VehicleModel::Arducopter,
-        autopilot: autopilot.software(),
-        ..scenario::Vehicle::default()
-    };
+    let model =
+        scenario::Vehicle { model: VehicleModel::Arducopter, autopilot: args.software, ..scenario::Vehicle::default() };
     let mut vehicle = Vehicle::new(model, A_MAX_MPS2, pose);
     let (seed, rate) = args.noise.unwrap_or_default();
     let mut wire = Wire::new(seed, 0.0, rate);
@@ -234,16 +226,4 @@ pub(super) fn autopilot(cli: &Cli, args: &AutopilotCommand) -> Result<ExitCode, 
         say(&json_line(&ended)?);
     }
     Ok(ExitCode::SUCCESS)
-}
-
-fn model_at_start(args: &AutopilotCommand) -> Autopilot {
-    let software = match args.software {
-        SoftwareName::Arducopter => Software::ArduCopter,
-        SoftwareName::Px4 => Software::Px4,
-    };
-    let start = match args.begin {
-        Begin::InControl | Begin::Hovering => Start::Hovering,
-        Begin::Parked => Start::Parked,
-    };
-    Autopilot::new(software, start)
 }

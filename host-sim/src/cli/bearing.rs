@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{ArgGroup, Args};
+use foxhound_core::doa::bearing::Estimator;
 use foxhound_sim::scenario::input::{AZIMUTH_DEG, ELEVATION_DEG, InputError, RANGE_M, TEMPERATURE_C, read_text};
 use foxhound_sim::scenario::output;
 use foxhound_sim::tools::bearings::{self, Line, Options};
@@ -15,7 +16,7 @@ use foxhound_sim::tools::radio_array::RadioArray;
 use foxhound_sim::tools::switched::{self, Packets};
 use serde::Serialize;
 
-use super::fly::EstimatorName;
+use super::fly::estimator_parser;
 use super::terminal::{say, show, warn};
 use super::value::{number, whole};
 use super::{Cli, json_line};
@@ -70,8 +71,8 @@ pub(super) struct BearingCommand {
     #[arg(long, value_name = "FILE")]
     array: PathBuf,
     /// Which angle-of-arrival estimator.
-    #[arg(long, value_enum, default_value_t)]
-    estimator: EstimatorName,
+    #[arg(long, value_parser = estimator_parser(), default_value = "cross", value_name = "ESTIMATOR")]
+    estimator: Estimator,
     /// Consecutive frames for each bearing.
     #[arg(long, value_name = "K", default_value_t = 1, value_parser = whole::<u32>(1..=1_000_000))]
     looks: u32,
@@ -163,7 +164,7 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
         Some(path) => read_yaw(path, frames)?,
         None => Vec::new(),
     };
-    let options = Options { estimator: args.estimator.into(), looks, yaw_rad, independent: args.independent };
+    let options = Options { estimator: args.estimator, looks, yaw_rad, independent: args.independent };
     let lines = bearings::find(&recording, &description, &options)?;
     refuse_left(frames % looks, frames, "frames", looks)?;
     print(cli, &lines, |line| line)

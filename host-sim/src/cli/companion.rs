@@ -8,6 +8,7 @@ use std::time::Instant;
 use clap::Args;
 use foxhound_computer::twin::Setup;
 use foxhound_core::base::time::Instant as Time;
+use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::guidance;
 use foxhound_core::planning::planner;
 use foxhound_link::companion::Software;
@@ -18,7 +19,7 @@ use foxhound_sim::drive::qemu::QemuComputer;
 use foxhound_sim::scenario::input::{DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, read_text};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::fly::{EstimatorName, Via, exit_code, look, numbers, planner_parser, word};
+use super::fly::{Via, estimator_parser, exit_code, look, numbers, planner_parser, word};
 use super::radio::RadioArgs;
 use super::records::{RecordArgs, Written};
 use super::terminal::{say, show_as, stop_flag, warn};
@@ -103,8 +104,8 @@ pub(super) struct CompanionCommand {
     #[arg(long, value_parser = planner_parser(), default_value = "foxhound", value_name = "PLANNER")]
     planner: planner::Config,
     /// Which angle-of-arrival estimator.
-    #[arg(long, value_enum, default_value_t)]
-    estimator: EstimatorName,
+    #[arg(long, value_parser = estimator_parser(), default_value = "cross", value_name = "ESTIMATOR")]
+    estimator: Estimator,
     /// Gives up after so many seconds, from the start of the program [default: never].
     #[arg(long, value_name = "S", value_parser = number(MAX_TIME_S))]
     max_time: Option<f64>,
@@ -167,7 +168,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         snr_db: args.snr_db,
         seed: cli.seed,
         planner: args.planner,
-        estimator: args.estimator.into(),
+        estimator: args.estimator,
         max_time_s: args.max_time,
         key,
     };

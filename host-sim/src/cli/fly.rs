@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anstyle::Style;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
-use clap::{Args, ValueEnum};
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use foxhound_computer::twin::Setup;
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::planning::planner;
@@ -82,8 +82,8 @@ pub(super) struct Fly {
     #[arg(long, value_parser = planner_parser(), default_value = "foxhound", value_name = "PLANNER")]
     planner: planner::Config,
     /// Angle-of-arrival estimator.
-    #[arg(long, value_enum, default_value_t)]
-    estimator: EstimatorName,
+    #[arg(long, value_parser = estimator_parser(), default_value = "cross", value_name = "ESTIMATOR")]
+    estimator: Estimator,
     /// Flight computer: `host`; `qemu:ELF`, a firmware image in QEMU; `g474:ELF`, the image of the NUCLEO-G474RE in
     /// an instruction emulator (docs/contributing.md).
     #[arg(long, value_name = "COMPUTER", default_value = "host")]
@@ -107,45 +107,34 @@ pub(super) struct Fly {
     flight_log: Option<PathBuf>,
 }
 
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-pub(super) enum EstimatorName {
-    /// Cross-spectra and least squares.
-    #[default]
-    Cross,
-    /// The main paper's algorithm, literally.
-    Paper,
-    /// The same, with the half-plane chosen by the magnitudes of its angles.
-    PaperRepaired,
-    /// The same, with the half-plane chosen by cross-correlation.
-    PaperCorrelated,
-    /// The main paper's arcsine of one pair, with its side chosen by cross-correlation.
-    Pair,
-    /// The main paper's intersection of two pairs' directions.
-    TwoArray,
-    /// The main paper's intersection of two pairs that share an antenna.
-    ThreeAntenna,
-    /// The main paper's least-squares intersection of all neighbours' directions.
-    NArray,
+/// The estimators: name on the command line, and what it is.
+const ESTIMATORS: [(&str, Estimator, &str); 8] = [
+    ("cross", Estimator::CrossSpectrum, "Cross-spectra and least squares"),
+    ("paper", Estimator::PaperSquare, "The main paper's algorithm, literally"),
+    (
+        "paper-repaired",
+        Estimator::PaperRepaired,
+        "The same, with the half-plane chosen by the magnitudes of its angles",
+    ),
+    ("paper-correlated", Estimator::PaperCorrelated, "The same, with the half-plane chosen by cross-correlation"),
+    ("pair", Estimator::Pair, "The main paper's arcsine of one pair, with its side chosen by cross-correlation"),
+    ("two-array", Estimator::TwoArray, "The main paper's intersection of two pairs' directions"),
+    ("three-antenna", Estimator::ThreeAntenna, "The main paper's intersection of two pairs that share an antenna"),
+    ("n-array", Estimator::NArray, "The main paper's least-squares intersection of all neighbours' directions"),
+];
+
+/// An estimator by its name, as clap wants it.
+pub(super) fn estimator_parser() -> impl TypedValueParser<Value = Estimator> {
+    let names = ESTIMATORS.map(|(name, _, what)| PossibleValue::new(name).help(what));
+    PossibleValuesParser::new(names).try_map(|name| {
+        let row = ESTIMATORS.into_iter().find(|(known, ..)| *known == name);
+        row.map(|(_, estimator, _)| estimator).ok_or("there is no such estimator")
+    })
 }
 
 /// A planner by its name, as clap wants it.
 pub(super) fn planner_parser() -> impl TypedValueParser<Value = planner::Config> {
     PossibleValuesParser::new(apf::NAMES).try_map(|name| apf::named(&name).ok_or("there is no such planner"))
-}
-
-impl From<EstimatorName> for Estimator {
-    fn from(name: EstimatorName) -> Self {
-        match name {
-            EstimatorName::Cross => Self::CrossSpectrum,
-            EstimatorName::Paper => Self::PaperSquare,
-            EstimatorName::PaperRepaired => Self::PaperRepaired,
-            EstimatorName::PaperCorrelated => Self::PaperCorrelated,
-            EstimatorName::Pair => Self::Pair,
-            EstimatorName::TwoArray => Self::TwoArray,
-            EstimatorName::ThreeAntenna => Self::ThreeAntenna,
-            EstimatorName::NArray => Self::NArray,
-        }
-    }
 }
 
 #[derive(Clone, Debug, Default)]
@@ -180,7 +169,7 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     if args.records.live.is_on() {
         check_within("--speed", args.speed, &SPEED)?;
     }
-    let mut mission = Mission { scenario, seed: cli.seed, planner: args.planner, estimator: args.estimator.into() };
+    let mut mission = Mission { scenario, seed: cli.seed, planner: args.planner, estimator: args.estimator };
     let plot_path = args.plot.clone().or_else(|| {
         let folder = cli.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("out")))?;
         Some(folder.join("flight.svg"))

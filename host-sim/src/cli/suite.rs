@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
+use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::planning::planner;
 use foxhound_sim::drive::computer::HostComputer;
 use foxhound_sim::drive::flight::Ending;
@@ -15,7 +16,7 @@ use foxhound_sim::record::table;
 use foxhound_sim::scenario::input::{DRONE_RADIUS_M, InputError, SIGMA_DEG, SNR_DB, check_within};
 use foxhound_sim::scenario::{VehicleModel, output};
 
-use super::fly::{EstimatorName, planner_parser};
+use super::fly::{estimator_parser, planner_parser};
 use super::terminal::{interrupted, say, stop_flag, warn};
 use super::value::{check_apart, number, whole};
 use super::{Cli, check_writable, json_line, terminal, write_text};
@@ -65,8 +66,8 @@ pub(super) struct SuiteCommand {
     #[arg(long, value_parser = planner_parser(), default_value = "foxhound", value_name = "PLANNER")]
     planner: planner::Config,
     /// Which angle-of-arrival estimator.
-    #[arg(long, value_enum, default_value_t)]
-    estimator: EstimatorName,
+    #[arg(long, value_parser = estimator_parser(), default_value = "cross", value_name = "ESTIMATOR")]
+    estimator: Estimator,
     /// Only these flights.
     #[arg(
         long,
@@ -89,7 +90,7 @@ pub(super) struct SuiteCommand {
     drone_radius: Option<f64>,
     /// Vehicle model; overrules the file.
     #[arg(long, value_enum)]
-    vehicle: Option<VehicleName>,
+    vehicle: Option<VehicleModel>,
     /// Bearings with this much noise; overrules the file.
     #[arg(long, value_name = "DEG", value_parser = number(SIGMA_DEG), conflicts_with = "snr_db")]
     bearing_sigma_deg: Option<f64>,
@@ -105,23 +106,6 @@ pub(super) struct SuiteCommand {
     /// Writes the scenario of the one flight that --only names, for `foxhound fly --scenario`.
     #[arg(long, value_name = "FILE", requires = "only")]
     dump_scenario: Option<PathBuf>,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum VehicleName {
-    /// A point mass with a velocity lag and an acceleration limit.
-    Point,
-    /// The delays measured on ArduCopter.
-    Arducopter,
-}
-
-impl From<VehicleName> for VehicleModel {
-    fn from(name: VehicleName) -> Self {
-        match name {
-            VehicleName::Point => Self::Point,
-            VehicleName::Arducopter => Self::Arducopter,
-        }
-    }
 }
 
 /// The suite as it is in the file, with what the command line overrules.
@@ -144,7 +128,7 @@ fn suite_of(args: &SuiteCommand) -> Result<Suite, InputError> {
         suite.bearing.set_snr_db("--snr-db", snr_db)?;
     }
     if let Some(vehicle) = args.vehicle {
-        suite.vehicle.model = vehicle.into();
+        suite.vehicle.model = vehicle;
     }
     Ok(suite)
 }
@@ -168,7 +152,7 @@ pub(super) fn fly_suite(cli: &Cli, args: &SuiteCommand) -> Result<ExitCode, Inpu
     let selection = Selection { only: args.only.clone(), pairs: args.pairs, shard: args.shard };
     let count = suite.count(&selection).map_err(|error| error.in_file(&args.file))?;
     let flights = suite.flights(cli.seed, &selection);
-    let (planner, estimator) = (args.planner, args.estimator.into());
+    let (planner, estimator) = (args.planner, args.estimator);
     // Refused once, not by every worker; a shard of a small suite may be empty.
     if let Some(first) = flights.first() {
         HostComputer::new(&first.mission(planner, estimator).guidance())?;
@@ -299,7 +283,7 @@ fn write_results(
         if let [flight] = flights {
             let path = |ending: &str| path_of(folder, flight, ending);
             write_text(&path("json"), &json_line(&flight.scenario)?)?;
-            let (_, record) = flight.fly(args.planner, args.estimator.into())?;
+            let (_, record) = flight.fly(args.planner, args.estimator)?;
             plot::draw(&record, &path("svg"))?;
             cli.note(&format!("picture: {}", path("svg").display()));
             cli.note(&format!("again: foxhound fly --scenario {} --seed {}", path("json").display(), flight.seed));

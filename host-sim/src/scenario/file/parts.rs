@@ -232,8 +232,9 @@ pub struct Vehicle {
 }
 
 /// Software of the autopilot.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
+#[value(rename_all = "lower")]
 pub enum Software {
     /// ArduPilot Copter.
     #[default]
@@ -243,7 +244,7 @@ pub enum Software {
 }
 
 /// Model of the vehicle.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum VehicleModel {
     /// A point mass with a velocity lag and an acceleration limit.
