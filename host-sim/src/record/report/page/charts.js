@@ -17,7 +17,6 @@ function unrolled(of) {
 }
 
 const twoSigma_deg = (step) => (step.heard && step.heard.valid ? 2 * step.heard.sigma_deg : undefined);
-const heard_deg = (step) => (step.heard && step.heard.valid ? step.heard.bearing_deg : undefined);
 
 const costs = (plan, feasible) => plan.samples.filter((sample) => sample.feasible === feasible).map((sample) => sample.cost);
 const followedCost = (plan) => (plan && plan.cost !== undefined ? [plan.cost] : []);

@@ -55,12 +55,9 @@ function wrap_deg(angle_deg) {
   return turned > 180 ? turned - 360 : turned;
 }
 
-/** Error of the bearing that was heard in a step, degrees; none without a valid one. */
-function bearingError_deg(step) {
-  const heard = step.heard;
-  if (!heard || !heard.valid || heard.bearing_deg === undefined) return undefined;
-  return wrap_deg(heard.bearing_deg - step.truth_deg);
-}
+/** The bearing that was heard in a step, and its error; none without a valid one. */
+const heard_deg = (step) => (step.heard && step.heard.valid ? step.heard.bearing_deg : undefined);
+const bearingError_deg = (step) => (heard_deg(step) === undefined ? undefined : wrap_deg(heard_deg(step) - step.truth_deg));
 
 /** The beacon at a time: it moves straight on. */
 function beaconAt(time_s) {

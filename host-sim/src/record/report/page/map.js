@@ -132,19 +132,28 @@ function drawAxes({ context, at, width, height }) {
   write(context, "y north, m", 6, 13, { color: colors.faint });
 }
 
-/** What the obstacle sensor overlooks. */
-function drawView({ context, at, step }) {
-  const { fov_deg, range_m } = flight.begin.scenario.sensor;
-  const rim = Array.from({ length: 33 }, (_, k) => ((step.yaw_deg + fov_deg * (k / 32 - 0.5)) * Math.PI) / 180);
-  const [x, y] = step.place_m;
+/** Where one comes to from a place in a direction from north. */
+function away([x, y], deg, far_m) {
+  const angle = (deg * Math.PI) / 180;
+  return [x + far_m * Math.sin(angle), y + far_m * Math.cos(angle)];
+}
+
+/** A sector around a direction, as wide to either side. */
+function sector({ context, at }, place, [deg, side_deg, far_m], color, alpha) {
   context.save();
-  context.globalAlpha = 0.13;
-  context.fillStyle = colors.sky;
+  context.globalAlpha = alpha;
+  context.fillStyle = color;
   context.beginPath();
-  context.moveTo(...at([x, y]));
-  rim.forEach((angle) => context.lineTo(...at([x + range_m * Math.sin(angle), y + range_m * Math.cos(angle)])));
+  context.moveTo(...at(place));
+  for (let k = -16; k <= 16; k += 1) context.lineTo(...at(away(place, deg + (side_deg * k) / 16, far_m)));
   context.fill();
   context.restore();
+}
+
+/** What the obstacle sensor overlooks. */
+function drawView(picture) {
+  const { fov_deg, range_m } = flight.begin.scenario.sensor;
+  sector(picture, picture.step.place_m, [picture.step.yaw_deg, fov_deg / 2, range_m], colors.sky, 0.13);
 }
 
 function drawPillars({ context, at, time_s, width, height }) {
@@ -259,25 +268,13 @@ function drawEnds({ context, at, time_s }) {
 }
 
 /** The last bearing, with two standard deviations to either side. */
-function drawHeard({ context, at, step }) {
-  const heard = step.heard;
-  if (!heard || !heard.valid || heard.bearing_deg === undefined) return;
-  const [x, y] = step.place_m;
-  const far_m = step.truth_m;
-  const end = (angle_deg) => {
-    const angle = (angle_deg * Math.PI) / 180;
-    return at([x + far_m * Math.sin(angle), y + far_m * Math.cos(angle)]);
-  };
-  const off = Math.min(2 * heard.sigma_deg, 90);
-  context.save();
-  context.globalAlpha = 0.2;
-  context.fillStyle = colors.green;
-  context.beginPath();
-  context.moveTo(...at([x, y]));
-  for (let k = 0; k <= 16; k += 1) context.lineTo(...end(heard.bearing_deg + off * (k / 8 - 1)));
-  context.fill();
-  context.restore();
-  line(context, [at([x, y]), end(heard.bearing_deg)], { color: colors.green, alpha: 0.8, dash: [6, 4] });
+function drawHeard(picture) {
+  const { heard, place_m, truth_m } = picture.step;
+  const deg = heard_deg(picture.step);
+  if (deg === undefined) return;
+  sector(picture, place_m, [deg, Math.min(2 * heard.sigma_deg, 90), truth_m], colors.green, 0.2);
+  const ends = [place_m, away(place_m, deg, truth_m)].map(picture.at);
+  line(picture.context, ends, { color: colors.green, alpha: 0.8, dash: [6, 4] });
 }
 
 const PATH_POINTS = 2500;

@@ -163,17 +163,14 @@ function drawPlanInSpace(step, plan) {
 /** The vehicle: its hull, its nose, what it hears, its place on the ground. */
 function drawVehicleInSpace(step) {
   const radius = flight.begin.scenario.drone_radius;
-  const yaw = (step.yaw_deg * Math.PI) / 180;
-  const [x, y] = step.place_m;
-  const nose = [x + radius * Math.sin(yaw), y + radius * Math.cos(yaw)];
+  const nose = away(step.place_m, step.yaw_deg, radius);
   const place = inSpace(step.place_m, step.height_m);
   bodies("hull", "cylinder", [[place, [2 * radius, 0.4 * radius, 2 * radius], "ink"]]);
   bodies("nose", "sphere", [[inSpace(nose, step.height_m), [0.6 * radius, 0.6 * radius, 0.6 * radius], "orange"]]);
   bodies("shadow", "cylinder", [[inSpace(step.place_m, 0.006), [2 * radius, 0.004, 2 * radius], "faint"]]);
   strokes("plumb", step.time_s, () => [place, inSpace(step.place_m, 0)], "faint");
-  const heard = step.heard && step.heard.valid && step.heard.bearing_deg !== undefined ? (step.heard.bearing_deg * Math.PI) / 180 : null;
-  const reach = [x + step.truth_m * Math.sin(heard), y + step.truth_m * Math.cos(heard)];
-  strokes("heard", step.time_s, () => (heard === null ? [] : [place, inSpace(reach, step.height_m)]), "green");
+  const deg = heard_deg(step);
+  strokes("heard", step.time_s, () => (deg === undefined ? [] : [place, inSpace(away(step.place_m, deg, step.truth_m), step.height_m)]), "green");
 }
 
 /** Where the pad is: east, north, radius; none without one. */
