@@ -17,14 +17,14 @@ use foxhound_sim::drive::companion::{self, Config, Ends, Eyes, News, Provider};
 use foxhound_sim::drive::computer::{Computer, HostComputer};
 use foxhound_sim::drive::qemu::QemuComputer;
 use foxhound_sim::scenario::input::{DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, read_text};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget};
 
 use super::fly::{Via, estimator_parser, exit_code, look, numbers, planner_parser, word};
 use super::radio::RadioArgs;
 use super::records::{RecordArgs, Written};
-use super::terminal::{say, show_as, stop_flag, warn};
+use super::terminal::{say, show_as, stop_flag, styled, warn};
 use super::value::{check_apart, number};
-use super::{Cli, json_line};
+use super::{Cli, check_writable, json_line};
 
 const COMPANION_HELP: &str = "Examples:
   foxhound companion --autopilot tcp:127.0.0.1:5760 --source 8,-9,-5
@@ -187,6 +187,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         mcap,
         tlog,
     ])?;
+    check_writable("--report", args.records.report.as_ref())?;
     // Checked here for every computer, so that a refused field is named the same way.
     let mut host = match &args.params {
         Some(path) => HostComputer::with_store(&config.guidance(), path)?,
@@ -293,13 +294,8 @@ const PERIOD_S: f64 = 0.5;
 impl Progress {
     fn new(cli: &Cli, address: Address) -> Self {
         let is_quiet = cli.quiet;
-        let bar = (!is_quiet && io::stderr().is_terminal()).then(|| {
-            let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
-            match ProgressStyle::with_template("{msg}") {
-                Ok(style) => bar.with_style(style),
-                Err(_) => bar,
-            }
-        });
+        let bar = (!is_quiet && io::stderr().is_terminal())
+            .then(|| styled(ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr()), "{msg}"));
         Self { address, is_quiet, bar, eyes: None, told: String::new(), state: String::new(), shown_s: 0.0 }
     }
 

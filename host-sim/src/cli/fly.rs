@@ -188,7 +188,9 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         tlog,
         ("--flight-log", args.flight_log.as_deref()),
     ])?;
-    check_writable("--flight-log", args.flight_log.as_ref())?;
+    for (option, path) in [("--report", &args.records.report), ("--flight-log", &args.flight_log)] {
+        check_writable(option, path.as_ref())?;
+    }
     if let Some(path) = plot_path.as_deref() {
         if args.plot.is_none() { cli.claim(path) } else { check_writable("--plot", args.plot.as_ref()) }?;
     }
@@ -201,13 +203,12 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     }
     // Checked here for every computer, so that a refused field is named the same way.
     let host = HostComputer::new(&config).map_err(|error| given.beside(&config).named(error))?;
-    let mut records = args.records.begin(&mission, &config)?;
     let mut computer: Box<dyn Computer> = match &args.via {
         Via::Host => Box::new(host),
         Via::Qemu(elf) => {
             let qemu = QemuComputer::start(elf, &Setup { guidance: config, needs_entry: false });
             let qemu = qemu.map_err(|error| InputError::new(format!("--via: {error}")))?;
-            if records.look_inside() { Box::new(Beside::new(qemu, host)) } else { Box::new(qemu) }
+            if args.records.look_inside() { Box::new(Beside::new(qemu, host)) } else { Box::new(qemu) }
         }
         Via::G474(elf) => {
             if mission.scenario.sensor.model == SensorModel::Circles {
@@ -219,6 +220,8 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
             Box::new(board.map_err(|error| InputError::new(format!("--via: {error}")))?)
         }
     };
+    // The board's flight may have another sensor than the scenario asks for.
+    let mut records = args.records.begin(&mission, &config)?;
     if args.flight_log.is_some() {
         computer.log_flight();
     }

@@ -81,6 +81,23 @@ struct MapLine {
     reachable_share: Option<f64>,
 }
 
+impl MapLine {
+    fn of(bounds: [f64; 4], map: &suite::Map) -> Self {
+        let maps::Density { mean, variance } = maps::density(bounds, &map.obstacles);
+        let (pillars, pairs) = (map.obstacles.len(), map.pairs.len());
+        Self {
+            row: map.row,
+            instance: map.instance,
+            asked: None,
+            mean,
+            variance,
+            pillars,
+            pairs,
+            reachable_share: None,
+        }
+    }
+}
+
 #[derive(Serialize)]
 struct MapsReport {
     maps: Vec<MapLine>,
@@ -166,18 +183,10 @@ fn drawn(cli: &Cli, args: &MapsCommand) -> Result<(Suite, MapsReport), InputErro
             let seed = suite::Place { row, instance, pair: u32::MAX }.seed(cli.seed);
             let obstacles = maps::generate(&recipe, seed)?;
             let drawn = maps::pairs(suite.bounds, &obstacles, args.drone_radius, args.pairs as usize, seed)?;
-            let reached = maps::density(suite.bounds, &obstacles);
-            lines.push(MapLine {
-                row,
-                instance,
-                asked: Some(recipe.density),
-                mean: reached.mean,
-                variance: reached.variance,
-                pillars: obstacles.len(),
-                pairs: drawn.pairs.len(),
-                reachable_share: Some(drawn.reachable_share),
-            });
-            suite.maps.push(suite::Map::new(row, instance, obstacles, drawn.pairs));
+            let map = suite::Map::new(row, instance, obstacles, drawn.pairs);
+            let reachable_share = Some(drawn.reachable_share);
+            lines.push(MapLine { asked: Some(recipe.density), reachable_share, ..MapLine::of(suite.bounds, &map) });
+            suite.maps.push(map);
             progress.inc(1);
         }
     }
@@ -186,19 +195,6 @@ fn drawn(cli: &Cli, args: &MapsCommand) -> Result<(Suite, MapsReport), InputErro
 }
 
 fn describe(suite: Suite) -> (Suite, MapsReport) {
-    let line = |map: &suite::Map| {
-        let reached = maps::density(suite.bounds, &map.obstacles);
-        MapLine {
-            row: map.row,
-            instance: map.instance,
-            asked: None,
-            mean: reached.mean,
-            variance: reached.variance,
-            pillars: map.obstacles.len(),
-            pairs: map.pairs.len(),
-            reachable_share: None,
-        }
-    };
-    let maps = suite.maps.iter().map(line).collect();
+    let maps = suite.maps.iter().map(|map| MapLine::of(suite.bounds, map)).collect();
     (suite, MapsReport { maps })
 }

@@ -15,7 +15,7 @@ use foxhound_sim::scenario::input::InputError;
 
 use super::terminal::warn;
 use super::value::whole;
-use super::{Cli, check_writable, command_line};
+use super::{Cli, command_line};
 
 /// Port of the page by default.
 const PORT: u16 = 8868;
@@ -42,12 +42,16 @@ impl RecordArgs {
         [("--report", self.report.as_deref()), ("--mcap", self.mcap.as_deref()), ("--tlog", self.tlog.as_deref())]
     }
 
+    /// Whether anything looks into the flight computer.
+    pub(super) const fn look_inside(&self) -> bool {
+        self.live.live || self.report.is_some() || self.mcap.is_some()
+    }
+
     /// Begins the records. Prints the address of the live page even with `--quiet`.
     ///
     /// # Errors
     /// A file cannot be written, or the page cannot be served.
     pub(super) fn begin(&self, mission: &Mission, config: &guidance::Config) -> Result<Records, InputError> {
-        check_writable("--report", self.report.as_ref())?;
         let live = if self.live.live { Some(Live::open(self.live.port.unwrap_or(PORT))?) } else { None };
         if let Some(live) = &live {
             warn(&format!("live: {}", live.address()));
@@ -81,11 +85,6 @@ pub(super) struct Records {
 }
 
 impl Records {
-    /// Whether anything looks into the flight computer.
-    pub(super) const fn look_inside(&self) -> bool {
-        self.recorder.is_some() || self.mcap.is_some()
-    }
-
     pub(super) fn watch(&mut self, moment: &Moment<'_>) {
         if let Some(recorder) = &mut self.recorder {
             recorder.watch(moment);

@@ -152,7 +152,7 @@ impl Cli {
     }
 }
 
-fn styled(bar: ProgressBar, template: &str) -> ProgressBar {
+pub(super) fn styled(bar: ProgressBar, template: &str) -> ProgressBar {
     match ProgressStyle::with_template(template) {
         Ok(style) => bar.with_style(style),
         Err(_) => bar,

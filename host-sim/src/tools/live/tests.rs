@@ -20,7 +20,7 @@ fn options() -> Options {
     Options { array: None, emitter: None, mount_rad: 0.0, sigma_rad: 0.14, age_max: Duration::from_millis(500) }
 }
 
-/// Polls until a condition holds, for at most three seconds.
+/// Polls until a condition holds, for at most six seconds.
 fn until(live: &mut Live, mut is_so: impl FnMut(&State, Option<Bearing>) -> bool) {
     let begin = Instant::now();
     while begin.elapsed() < Duration::from_secs(6) {
