@@ -14,15 +14,10 @@ import time
 os.environ["MAVLINK20"] = "1"
 from pymavlink.dialects.v20 import ardupilotmega as mavlink  # noqa: E402
 
+from checks import check  # noqa: E402
+
 SECONDS = 8.0
 GUIDED, ARMED = 4, 128
-
-
-def check(condition, text):
-    if not condition:
-        print("FAILED:", text)
-        sys.exit(1)
-    print("ok:", text)
 
 
 listener = socket.socket()

@@ -4,28 +4,19 @@ Usage: papers_page.py FOLDER/index.html
 """
 
 import pathlib
-import shutil
 import sys
 
 from playwright.sync_api import sync_playwright
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+from checks import check, chromium
+
 SIZES = ({"width": 1280, "height": 900}, {"width": 360, "height": 700})
 
 path = pathlib.Path(sys.argv[1]).resolve()
 troubles, requests = [], []
 
-
-def check(condition, text):
-    if not condition:
-        print("FAILED:", text, troubles)
-        sys.exit(1)
-    print("ok:", text)
-
-
 with sync_playwright() as playwright:
-    executable = next(filter(None, map(shutil.which, BROWSERS)))
-    browser = playwright.chromium.launch(executable_path=executable, args=["--no-sandbox"])
+    browser = chromium(playwright)
     for size in SIZES:
         page = browser.new_context(offline=True, viewport=size).new_page()
         page.on("console", lambda message: troubles.append(message.text))
@@ -51,5 +42,5 @@ with sync_playwright() as playwright:
         check(page.locator("details[open] pre").is_visible(), "the numbers unfold by key")
     browser.close()
 
-check(not troubles, "no complaint")
+check(not troubles, f"no complaint {troubles}")
 check(all(url.startswith(path.parent.as_uri()) or url.startswith("data:") for url in requests), "nobody was asked")
