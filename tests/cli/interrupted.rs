@@ -5,23 +5,15 @@
 use std::io::Read as _;
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
-use foxhound_tests::{foxhound, run, take_machine};
+use foxhound_tests::{errors, foxhound, run, run_json, signal, take_machine, text};
 use serde_json::Value;
 
 use crate::packed;
 
 const FULL: &str = "/dev/full";
-
-fn text(path: &Path) -> String {
-    path.to_string_lossy().into_owned()
-}
-
-fn errors(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
 
 /// Names of the files in a folder.
 fn names(folder: &Path) -> Vec<String> {
@@ -29,10 +21,6 @@ fn names(folder: &Path) -> Vec<String> {
         std::fs::read_dir(folder).unwrap().map(|entry| text(Path::new(&entry.unwrap().file_name()))).collect();
     names.sort();
     names
-}
-
-fn signal(child: &Child, name: &str) {
-    assert!(Command::new("kill").args([name, &child.id().to_string()]).status().unwrap().success());
 }
 
 /// Writes a suite of some seconds into a folder.
@@ -108,7 +96,7 @@ fn a_flight_that_is_told_to_end_closes_its_files_and_prints_what_was_flown() {
         let mut byte = [0];
         child.stderr.as_mut().unwrap().read_exact(&mut byte).unwrap();
         std::thread::sleep(Duration::from_millis(1500));
-        signal(&child, name);
+        signal(child.id(), name);
         let output = child.wait_with_output().unwrap();
         assert_eq!(output.status.code(), Some(code), "{}", errors(&output));
         let printed: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -117,8 +105,7 @@ fn a_flight_that_is_told_to_end_closes_its_files_and_prints_what_was_flown() {
         assert_eq!(names(dir.path()), ["f.html", "f.log", "f.mcap", "f.tlog"]);
         let bytes = std::fs::read(&mcap).unwrap();
         assert!(bytes.starts_with(b"\x89MCAP0\r\n") && bytes.ends_with(b"\x89MCAP0\r\n"), "footer");
-        let (log, _) = (run(&["tlog", "--json", &tlog]), ());
-        let log: Value = serde_json::from_slice(&log.stdout).unwrap();
+        let (_, log) = run_json(&["tlog", "--json", &tlog]);
         assert!(log["frames"].as_u64().unwrap() > 20 && log["bad_crc"] == 0, "{log}");
         assert_eq!(run(&["replay", &path("f.log")]).status.code(), Some(0));
         let records = packed::records(&std::fs::read_to_string(&report).unwrap());
@@ -194,7 +181,7 @@ fn a_suite_that_is_told_to_end_prints_what_was_flown_and_goes_on() {
     for (name, code) in [("-INT", 130), ("-TERM", 143)] {
         let child = suite_command(&file, &out, &["--resume", "--jobs", "1"]).spawn().unwrap();
         std::thread::sleep(Duration::from_millis(400));
-        signal(&child, name);
+        signal(child.id(), name);
         let output = child.wait_with_output().unwrap();
         assert_eq!(output.status.code(), Some(code), "{}", errors(&output));
         let printed: Value = serde_json::from_slice(&output.stdout).unwrap();

@@ -3,10 +3,10 @@
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-use foxhound_tests::{Program, foxhound, python, qemu_image, root, run, take_machine};
+use foxhound_tests::{Autopilot, assert_refused, checked_by, foxhound, qemu_image, run_json, signal, take_machine};
 use serde_json::Value;
 
 use crate::packed;
@@ -80,8 +80,7 @@ impl Served {
 
     /// Stops it; returns its exit code, and its output.
     fn stop(mut self) -> (i32, Value) {
-        let pid = self.child.id().to_string();
-        assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+        signal(self.child.id(), "-INT");
         let code = self.child.wait().unwrap().code();
         let mut text = String::new();
         self.child.stdout.take().unwrap().read_to_string(&mut text).unwrap();
@@ -131,17 +130,15 @@ fn the_flight_is_told_as_it_runs_and_in_the_end_it_is_that_of_the_report() {
 fn being_watched_live_changes_nothing() {
     let served = Served::with(&["fly", "--speed", "1000", "--seed", "3"]);
     served.follow();
-    let alone = run(&["fly", "--json", "--seed", "3"]);
-    assert_eq!(served.stop().1, serde_json::from_slice::<Value>(&alone.stdout).unwrap());
+    assert_eq!(served.stop().1, run_json(&["fly", "--json", "--seed", "3"]).1);
 }
 
 /// `companion --live` serves a flight beside an autopilot.
 #[test]
 fn a_flight_beside_an_autopilot_is_served_as_well() {
-    let mut autopilot = Program::start(foxhound().args(["autopilot", "--json", "--listen", "tcp:127.0.0.1:0"]));
-    let first: Value = serde_json::from_str(&autopilot.lines().next().unwrap().unwrap()).unwrap();
-    let address = first["autopilot"].as_str().unwrap();
-    let served = Served::with(&["companion", "--source=3,2,-5", "--max-time", "60", "--autopilot", address]);
+    let autopilot = Autopilot::start(&[]);
+    let address = ["--autopilot", &autopilot.address];
+    let served = Served::with(&[&["companion", "--source=3,2,-5", "--max-time", "60"], &address[..]].concat());
     let records = served.follow();
     assert!(records.iter().filter(|record| record["kind"] == "step").count() > 50);
     let (code, printed) = served.stop();
@@ -157,36 +154,15 @@ fn the_image_in_qemu_is_served_as_well() {
     assert_eq!(records(&via)[1..], records("host")[1..]);
 }
 
-/// A port that is taken or an option that does not fit is refused by name.
+/// A port that is taken is refused by name.
 #[test]
-fn what_cannot_be_served_is_refused_by_the_option() {
+fn a_port_that_is_taken_is_refused_by_name() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
-    let by_port = format!("--port {port}: is taken by another program");
-    for (arguments, text) in [
-        (&["fly", "--live", "--port", &port][..], by_port.as_str()),
-        (&["companion", "--autopilot", "tcp:127.0.0.1:1", "--source=1,2,-5", "--live", "--port", &port], &by_port),
-        (&["fly", "--live", "--port", "70000"], "70000"),
-        (&["fly", "--port", "0"], "--live"),
-        (&["fly", "--speed", "2"], "--live"),
-        (&["fly", "--live", "--speed", "0"], "--speed = 0 is outside 0.05..=1000"),
-        (&["fly", "--live", "--speed", "-1"], "--speed = -1 is outside"),
-        (&["fly", "--live", "--speed", "nan"], "--speed = NaN is outside"),
-    ] {
-        let output = run(arguments);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
-        assert!(said.contains(text) && !said.contains("panicked"), "{arguments:?}: {said}");
+    let words = format!("--port {port}: is taken by another program");
+    for flight in [&["fly"][..], &["companion", "--autopilot", "tcp:127.0.0.1:1", "--source=1,2,-5"]] {
+        assert_refused(flight, &[(["--live", "--port", &port], [words.as_str()])]);
     }
-}
-
-/// Has a browser look at it.
-fn look_at(arguments: &[&str]) {
-    let script = root().join("tests/peers/live_page.py");
-    let output = python().arg(script).args(arguments).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{said}\n{}", String::from_utf8_lossy(&output.stderr));
-    assert!(said.contains("all checks passed"), "{said}");
 }
 
 /// A browser that opens the live page at any time sees the drone move, and the finished report at the end.
@@ -198,7 +174,7 @@ fn browsers_see_the_drone_move_on_whenever_they_come_and_the_finished_report_at_
     let path = folder.path().join("flight.html");
     let path = path.to_str().unwrap();
     let served = Served::with(&["fly", "--speed", "0.5", "--report", path]);
-    look_at(&[&served.address, "--report", path]);
+    checked_by("live_page.py", &[&served.address, "--report", path]);
     assert_eq!(served.stop().0, 0);
 }
 
@@ -208,5 +184,5 @@ fn browsers_see_the_drone_move_on_whenever_they_come_and_the_finished_report_at_
 fn a_browser_says_so_when_the_flight_is_cut_off() {
     let _machine = take_machine();
     let served = Served::with(&["fly", "--speed", "0.5"]);
-    look_at(&[&served.address, "--cut", &served.child.id().to_string()]);
+    checked_by("live_page.py", &[&served.address, "--cut", &served.child.id().to_string()]);
 }

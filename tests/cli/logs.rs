@@ -4,26 +4,22 @@
 use std::path::Path;
 
 use foxhound_sim::record::table::COLUMNS;
-use foxhound_tests::{Program, foxhound, python, root, run, run_json};
+use foxhound_tests::{Autopilot, checked_by, peer_says, refused, root, run_json, text};
 use serde_json::{Value, json};
 
 /// Largest MCAP file of the built-in mission.
 const MCAP_BYTES: u64 = 3_000_000;
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
-/// The output of a script in `tests/peers` about files.
-fn peer(script: &str, files: &[&Path]) -> String {
-    let output = python().arg(root().join("tests/peers").join(script)).args(files).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(output.status.success(), "{said}\n{}", String::from_utf8_lossy(&output.stderr));
-    said
-}
-
 /// The content of an MCAP file by the makers' reader.
 fn look_into(path: &Path) -> Value {
-    let said = peer("check_mcap.py", &[path, &root().join("docs/foxglove-layout.json")]);
-    assert!(said.contains("all checks passed"), "{said}");
+    let said = checked_by("check_mcap.py", &[path, &root().join("docs/foxglove-layout.json")]);
     serde_json::from_str(said.lines().last().unwrap()).unwrap()
+}
+
+/// What a program of `tests/peers` says of files, as one JSON object.
+fn told(script: &str, files: &[&Path]) -> Value {
+    serde_json::from_str(&peer_says(script, files)).unwrap()
 }
 
 fn number(value: &Value) -> f64 {
@@ -46,33 +42,13 @@ fn watching_a_flight_for_its_file_changes_nothing() {
     assert!(bytes.len() as u64 <= MCAP_BYTES, "{} bytes", bytes.len());
 }
 
-/// A log file that cannot be written is refused, and the message names it.
-#[test]
-fn a_file_that_cannot_be_written_is_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let suite = folder.path().join("suite.json");
-    std::fs::write(&suite, three_flights().to_string()).unwrap();
-    let suite = suite.to_str().unwrap();
-    // A folder cannot be made inside of what is a file.
-    let nowhere = format!("{suite}/inside/of.it");
-    for arguments in [
-        vec!["fly", "--json", "--mcap", &nowhere],
-        vec!["suite", suite, "--json", "--pairs", "1", "--csv", &nowhere],
-        vec!["suite", suite, "--json", "--pairs", "1", "--parquet", &nowhere],
-    ] {
-        let output = run(&arguments);
-        let words = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.code() == Some(2) && words.contains(&nowhere), "{arguments:?}: {words}");
-    }
-}
-
 /// A result that would replace what was read, or another result, is refused, and nothing is written.
 #[test]
 fn two_options_of_one_file_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let suite = folder.path().join("suite.json");
-    let text = three_flights().to_string();
-    std::fs::write(&suite, &text).unwrap();
+    let content = three_flights().to_string();
+    std::fs::write(&suite, &content).unwrap();
     let [world, other] = ["world.json", "new.csv"].map(|name| folder.path().join(name));
     std::fs::copy(root().join("tests/scenarios/open_field.json"), &world).unwrap();
     let drawn = std::fs::read_to_string(&world).unwrap();
@@ -84,10 +60,9 @@ fn two_options_of_one_file_are_refused() {
         vec!["suite", suite, "--csv", suite],
         vec!["suite", suite, "--csv", other, "--parquet", other],
     ] {
-        let output = run(&arguments);
-        let words = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.code() == Some(2) && words.contains("is also the file of"), "{arguments:?}: {words}");
-        assert_eq!(std::fs::read_to_string(suite).unwrap(), text, "{arguments:?}");
+        let words = refused(&arguments);
+        assert!(words.contains("is also the file of"), "{arguments:?}: {words}");
+        assert_eq!(std::fs::read_to_string(suite).unwrap(), content, "{arguments:?}");
         assert_eq!(std::fs::read_to_string(world).unwrap(), drawn, "{arguments:?}");
         assert!(!Path::new(other).exists(), "{arguments:?}");
     }
@@ -137,12 +112,10 @@ fn a_flight_beside_an_autopilot_is_written_as_well() {
     let folder = tempfile::tempdir().unwrap();
     let (path, obstacles) = (folder.path().join("flight.mcap"), folder.path().join("obstacles.json"));
     std::fs::write(&obstacles, r#"{"obstacles":[{"x":1.5,"y":2.1,"r":0.3}]}"#).unwrap();
-    let mut autopilot = Program::start(foxhound().args(["autopilot", "--json", "--listen", "tcp:127.0.0.1:0"]));
-    let first: Value = serde_json::from_str(&autopilot.lines().next().unwrap().unwrap()).unwrap();
-    let address = first["autopilot"].as_str().unwrap();
-    let (path_text, obstacles) = (path.to_str().unwrap(), obstacles.to_str().unwrap());
-    let flight = ["companion", "--json", "--source=4,3,-5", "--max-time", "60", "--autopilot", address];
-    let (code, printed) = run_json(&[&flight[..], &["--obstacles", obstacles, "--mcap", path_text]].concat());
+    let autopilot = Autopilot::start(&[]);
+    let flight = ["companion", "--json", "--source=4,3,-5", "--max-time", "60", "--autopilot", &autopilot.address];
+    let files = ["--obstacles", &text(&obstacles), "--mcap", &text(&path)];
+    let (code, printed) = run_json(&[&flight[..], &files].concat());
     assert_eq!((code, &printed["result"]), (0, &"reached".into()), "{printed}");
     let found = look_into(&path);
     assert_eq!(found["metadata"]["result"]["trace_hash"], printed["trace_hash"]);
@@ -163,15 +136,14 @@ fn three_flights() -> Value {
 fn pyarrow_reads_the_tables_of_a_suite() {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str| folder.path().join(name);
-    let text = |name: &str| file(name).to_string_lossy().into_owned();
+    let text = |name: &str| text(&file(name));
     std::fs::write(file("suite.json"), three_flights().to_string()).unwrap();
-    let out = folder.path().to_string_lossy().into_owned();
+    let out = text("");
     let tables = ["--csv", &text("flights.csv"), "--parquet", &text("flights.parquet")];
     let (code, printed) = run_json(&[&["suite", &text("suite.json"), "--json", "--out", &out], &tables[..]].concat());
     assert_eq!((code, &printed["all"]["runs"]), (1, &3.into()), "{printed}");
 
-    let said = peer("check_table.py", &[&file("flights.parquet"), &file("flights.csv"), &file("flights.jsonl")]);
-    let found: Value = serde_json::from_str(&said).unwrap();
+    let found = told("check_table.py", &[&file("flights.parquet"), &file("flights.csv"), &file("flights.jsonl")]);
     assert_eq!((&found["rows"], &found["columns"]), (&3.into(), &json!(COLUMNS.map(|column| column.name))));
     assert_eq!(found["nulls"], 3, "two without a pillar, one without a reference");
 }
@@ -193,10 +165,9 @@ fn pymavlink_reads_the_telemetry_log_of_a_flight() {
     let path = folder.path().join("flight.tlog");
     let (code, printed) = run_json(&["fly", "--json", "--tlog", path.to_str().unwrap()]);
     assert_eq!(code, 0, "{printed}");
-    let said = peer("check_tlog.py", &[&path]);
-    assert!(said.contains("all checks passed"), "{said}");
+    checked_by("check_tlog.py", &[&path]);
     let (code, ours) = run_json(&["tlog", path.to_str().unwrap(), "--json"]);
-    let theirs: Value = serde_json::from_str(&peer("read_tlog.py", &[&path])).unwrap();
+    let theirs = told("read_tlog.py", &[&path]);
     let total: u64 = theirs["counts"].as_object().unwrap().values().map(|count| count.as_u64().unwrap()).sum();
     assert_eq!((code, &ours["frames"], &theirs["bad"]), (0, &total.into(), &0.into()), "{ours} {theirs}");
     assert_eq!(theirs["directions"], 2);
@@ -209,11 +180,11 @@ fn pymavlink_reads_the_telemetry_log_of_a_flight() {
 fn a_telemetry_log_that_begins_with_mavlink_1_is_read_as_pymavlink_reads_it() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("old.tlog");
-    let written: Value = serde_json::from_str(&peer("write_v1_tlog.py", &[&path])).unwrap();
+    let written = told("write_v1_tlog.py", &[&path]);
     let (code, ours) = run_json(&["tlog", path.to_str().unwrap(), "--json"]);
     assert_eq!((code, &ours["bad_crc"], &ours["skipped_bytes"]), (0, &json!(0), &json!(0)), "{ours}");
     assert_eq!((&ours["counts"], &ours["mavlink_1"]), (&written["counts"], &written["mavlink_1"]), "{ours}");
-    let theirs: Value = serde_json::from_str(&peer("read_tlog.py", &[&path])).unwrap();
+    let theirs = told("read_tlog.py", &[&path]);
     let total: u64 = theirs["counts"].as_object().unwrap().values().map(|count| count.as_u64().unwrap()).sum();
     assert_eq!((&ours["frames"], &theirs["bad"]), (&json!(total), &json!(0)), "{ours} {theirs}");
 }

@@ -3,17 +3,16 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::os::unix::fs::symlink;
-use std::path::Path;
 use std::process::Command;
 
-use foxhound_tests::{foxhound, python, root};
+use foxhound_tests::{errors, foxhound, peer, python, root};
 
 /// What a Python program prints; it must succeed.
 fn printed(command: &mut Command) -> String {
     let output = command.env("PYTHONDONTWRITEBYTECODE", "1").output().unwrap();
-    let (text, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert!(output.status.success(), "{text}\n{errors}");
-    text.into_owned()
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{text}\n{}", errors(&output));
+    text
 }
 
 /// Bearings, flights and suites of the package `foxhound` are those of the command line, number by number.
@@ -27,7 +26,7 @@ fn the_package_gives_what_the_command_line_gives() {
         .output()
         .unwrap();
     // unittest says there how many it ran.
-    let text = String::from_utf8_lossy(&output.stderr);
+    let text = errors(&output);
     assert!(output.status.success() && text.contains("Ran 9 tests") && text.contains("\nOK\n"), "{text}");
 }
 
@@ -36,13 +35,12 @@ fn the_package_gives_what_the_command_line_gives() {
 #[ignore = "needs the Python package and Jupyter: cargo xtask test"]
 fn the_notebook_runs_from_its_first_cell_to_its_last() {
     let dir = tempfile::tempdir().unwrap();
-    let mut command = python();
+    let mut command = peer("notebook.py");
     // Nothing of this machine's user is read or written.
     for name in ["IPYTHONDIR", "JUPYTER_CONFIG_DIR", "JUPYTER_RUNTIME_DIR", "JUPYTER_DATA_DIR", "MPLCONFIGDIR"] {
         command.env(name, dir.path().join(name));
     }
-    command.arg(root().join("tests/peers/notebook.py")).arg(root().join("examples/bearings_and_flights.ipynb"));
-    let text = printed(&mut command);
+    let text = printed(command.arg(root().join("examples/bearings_and_flights.ipynb")));
     assert!(text.starts_with("reached after 13.36 s, bearings 0.17 deg rms\n"), "{text}");
     assert!(text.ends_with("\n20 dB: 10 of 10 reached\n3 pictures\n"), "{text}");
 }
@@ -64,6 +62,6 @@ fn the_python_of_the_manual_runs_in_a_clone() {
     for row in rows {
         assert!((row[0] - 40.0).abs() < 4.0 * row[1] && row[1] < 0.2, "{text}");
     }
-    let picture = std::fs::read(dir.path().join(Path::new("flight.png"))).unwrap();
+    let picture = std::fs::read(dir.path().join("flight.png")).unwrap();
     assert!(picture.starts_with(b"\x89PNG") && picture.len() > 5000, "{} bytes", picture.len());
 }

@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use foxhound_tests::{Program, foxhound, python, qemu_image, root, run_json, take_machine};
+use foxhound_tests::{Autopilot, checked_by, qemu_image, root, run_json, take_machine, text};
 use serde_json::Value;
 
 use crate::packed;
@@ -22,6 +22,19 @@ struct Flown {
 }
 
 impl Flown {
+    /// In a scenario.
+    fn of(scenario: &str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scenario.json");
+        std::fs::write(&path, scenario).unwrap();
+        Self::with(&["--scenario", &text(&path)])
+    }
+
+    /// Onto a pad.
+    fn landing() -> Self {
+        Self::with(&["--scenario", &text(&root().join("scenarios/landing_pad.json"))])
+    }
+
     fn with(arguments: &[&str]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("flight.html");
@@ -236,10 +249,9 @@ fn the_page_shows_people_what_is_followed_and_how_the_vehicle_gives_way() {
         "people":[{"route":[[4,-7]],"heading_deg":0,"speed":1.6,"group":2},{"route":[[7,9]],"heading_deg":180,"sway_m":0.1}],
         "sensor":{"model":"scan","fov_deg":360,"range_m":5,"rays":360}}"#;
     std::fs::write(&path, scenario).unwrap();
-    let flight = ["--scenario", path.to_str().unwrap()];
-    let flown = Flown::with(&flight);
-    let (_, alone) = run_json(&[&["fly", "--json"], &flight[..]].concat());
-    assert_eq!(flown.printed, alone, "watching changes nothing");
+    let flight = ["fly", "--json", "--scenario", &text(&path)];
+    let flown = Flown::with(&flight[2..]);
+    assert_eq!(flown.printed, run_json(&flight).1, "watching changes nothing");
     let people: Vec<&Value> = flown.of_kind("people").collect();
     assert!(people.iter().all(|record| record["circles_m"].as_array().unwrap().len() == 3));
     let (mut near, mut all) = (0, 0);
@@ -278,21 +290,10 @@ fn a_flight_beside_an_autopilot_has_a_report_of_where_that_says_it_is() {
     let folder = tempfile::tempdir().unwrap();
     let (path, obstacles) = (folder.path().join("flight.html"), folder.path().join("obstacles.json"));
     std::fs::write(&obstacles, r#"{"obstacles":[{"x":1.5,"y":2.1,"r":0.3}]}"#).unwrap();
-    let mut autopilot = Program::start(foxhound().args(["autopilot", "--json", "--listen", "tcp:127.0.0.1:0"]));
-    let first: Value = serde_json::from_str(&autopilot.lines().next().unwrap().unwrap()).unwrap();
-    let (code, printed) = run_json(&[
-        "companion",
-        "--json",
-        "--source=4,3,-5",
-        "--max-time",
-        "60",
-        "--autopilot",
-        first["autopilot"].as_str().unwrap(),
-        "--obstacles",
-        obstacles.to_str().unwrap(),
-        "--report",
-        path.to_str().unwrap(),
-    ]);
+    let autopilot = Autopilot::start(&[]);
+    let flight = ["companion", "--json", "--source=4,3,-5", "--max-time", "60", "--autopilot", &autopilot.address];
+    let files = ["--obstacles", &text(&obstacles), "--report", &text(&path)];
+    let (code, printed) = run_json(&[&flight[..], &files].concat());
     assert_eq!((code, &printed["result"]), (0, &"reached".into()), "{printed}");
     let flown = Flown::read(&path, printed);
     let steps: Vec<&Value> = flown.of_kind("step").collect();
@@ -320,10 +321,7 @@ fn chase(time_s: f64) -> String {
 }
 
 fn flown_for(time_s: f64) -> Flown {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("scenario.json");
-    std::fs::write(&path, chase(time_s)).unwrap();
-    Flown::with(&["--scenario", path.to_str().unwrap()])
+    Flown::of(&chase(time_s))
 }
 
 /// The file of a long flight is thinned, says how many records of each kind it holds, and an hour of it is at most 5 MB.
@@ -400,7 +398,7 @@ fn the_phases_are_those_of_a_wave_from_the_beacon() {
 /// there; wherever the guard acts it says why.
 #[test]
 fn a_landing_is_in_the_report_with_its_heights_stages_pictures_and_the_guards_reasons() {
-    let flown = Flown::with(&["--scenario", root().join("scenarios/landing_pad.json").to_str().unwrap()]);
+    let flown = Flown::landing();
     let steps: Vec<&Value> = flown.of_kind("step").collect();
     let highest_m = steps.iter().map(|step| number(&step["height_m"])).fold(0.0, f64::max);
     assert!((2.5..3.5).contains(&highest_m), "{highest_m} m");
@@ -428,11 +426,7 @@ fn look_at(page: &str) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("flight.html");
     std::fs::write(&path, page).unwrap();
-    let script = root().join("tests/peers/report_page.py");
-    let output = python().args([script.as_path(), path.as_path()] as [&Path; 2]).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{said}\n{}", String::from_utf8_lossy(&output.stderr));
-    assert!(said.contains("all checks passed"), "{said}");
+    let said = checked_by("report_page.py", &[path]);
     said.lines().filter(|line| line.contains("first picture")).for_each(|line| println!("{line}"));
 }
 
@@ -449,7 +443,7 @@ fn a_browser_shows_the_page_moves_through_it_and_asks_nobody() {
 #[ignore = "needs a browser: cargo xtask test"]
 fn a_browser_shows_a_landing_and_a_long_flight() {
     let _machine = take_machine();
-    look_at(&Flown::with(&["--scenario", root().join("scenarios/landing_pad.json").to_str().unwrap()]).page);
+    look_at(&Flown::landing().page);
     look_at(&flown_for(330.0).page);
 }
 
@@ -458,12 +452,9 @@ fn a_browser_shows_a_landing_and_a_long_flight() {
 #[ignore = "needs a browser: cargo xtask test"]
 fn a_flight_that_goes_wrong_under_a_name_that_is_markup_is_shown_as_well() {
     let _machine = take_machine();
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("scenario.json");
     let scenario = r#"{"name":"</script><img src=x onerror=alert(1)>","bearing":{"snr_db":20,"dropout":[2,99]},
         "obstacles":[{"x":3,"y":3,"r":0.4,"vx":0.1,"vy":-0.1}],"max_time_s":9}"#;
-    std::fs::write(&path, scenario).unwrap();
-    let flown = Flown::with(&["--scenario", path.to_str().unwrap()]);
+    let flown = Flown::of(scenario);
     assert_eq!((&flown.printed["result"], &flown.printed["reason"]), (&"hold".into(), &"no_signal".into()));
     look_at(&flown.page);
 }

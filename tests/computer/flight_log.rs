@@ -3,7 +3,6 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use std::path::Path;
-use std::process::{Command, Stdio};
 
 use foxhound_computer::log::frame::LogDeframer;
 use foxhound_computer::log::{Codes, Record};
@@ -14,15 +13,12 @@ use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::doa::calibration::record::crc32;
 use foxhound_core::guidance::{FrontEnd, param};
 use foxhound_core::planning::planner;
-use foxhound_link::CharArray;
-use foxhound_link::dialect::PARAM_SET_DATA;
-use foxhound_link::framer::{FRAME_MAX, Header, encode_data};
 use foxhound_sim::drive::computer::{BLOCK, Computer, ComputerError, HostComputer, StepReport};
 use foxhound_sim::drive::flight::{self, Ending, Mission};
 use foxhound_sim::drive::qemu::QemuComputer;
 use foxhound_sim::drive::replay::{Summary, replay};
 use foxhound_sim::scenario::Scenario;
-use foxhound_tests::{qemu_image, root, run, run_json};
+use foxhound_tests::{qemu_image, refused, root, run, run_json, station};
 
 /// A computer in whose link somebody sets a parameter.
 struct Station {
@@ -41,16 +37,7 @@ impl Computer for Station {
     ) -> Result<StepReport, ComputerError> {
         let mut rx = rx.to_vec();
         if now >= self.at && !std::mem::replace(&mut self.is_done, now >= self.at) {
-            let mut frame = [0; FRAME_MAX];
-            let set = PARAM_SET_DATA {
-                target_system: 1,
-                target_component: 191,
-                param_id: CharArray::new(*param::FH_SPD_MAX.padded_name()),
-                param_type: 9,
-                param_value: 0.7,
-            };
-            let length = encode_data(Header { system_id: 255, component_id: 190, sequence: 0 }, &set, &mut frame);
-            rx.extend_from_slice(&frame[..length]);
+            rx.extend_from_slice(&station::set(param::FH_SPD_MAX, 0.7));
         }
         self.inner.step(now, front_end, circles, &rx)
     }
@@ -77,8 +64,7 @@ fn mission(scenario: Scenario) -> Mission {
 }
 
 fn scenario(name: &str) -> Scenario {
-    let text = std::fs::read_to_string(root().join("tests/scenarios").join(name)).unwrap();
-    Scenario::parse(&text).unwrap()
+    Scenario::parse(&std::fs::read_to_string(root().join("tests/scenarios").join(name)).unwrap()).unwrap()
 }
 
 fn host(mission: &Mission) -> Box<dyn Computer> {
@@ -396,67 +382,7 @@ fn the_command_says_identical_different_and_nothing_there_by_its_exit_code() {
     assert_eq!((code, &summary["gaps"]), (1, &1.into()), "{summary}");
     for (bytes, word) in [(&b"no log"[..], "no flight log"), (&[], "no flight log"), (&log[90_000..], "no beginning")] {
         std::fs::write(&path, bytes).unwrap();
-        let output = run(&["replay", &file]);
-        let words = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.code() == Some(2) && words.contains(word), "{words}");
+        let words = refused(&["replay", &file]);
+        assert!(words.contains(word), "{words}");
     }
-}
-
-/// The firmware in QEMU answers every command on its maintenance port.
-#[test]
-#[ignore = "needs QEMU and the image: cargo xtask test"]
-fn the_firmware_answers_at_its_maintenance_port() {
-    let dir = tempfile::tempdir().unwrap();
-    let words = dir.path().join("stdout");
-    // QEMU says on its output which terminal it has opened.
-    let mut qemu = Command::new("qemu-system-arm")
-        .args(["-M", "mps2-an386", "-display", "none", "-monitor", "none", "-icount", "shift=8"])
-        .args(["-semihosting-config", "enable=on,target=native", "-serial", "null", "-serial", "null"])
-        .args(["-serial", "pty", "-kernel", &qemu_image()])
-        .stdout(std::fs::File::create(&words).unwrap())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    let terminal = (0..200).find_map(|_| {
-        std::thread::sleep(std::time::Duration::from_millis(20));
-        let said = std::fs::read_to_string(&words).unwrap();
-        said.split_whitespace().find(|word| word.starts_with("/dev/pts/")).map(str::to_owned)
-    });
-    let terminal = terminal.unwrap();
-    let capture = dir.path().join("capture.log");
-    let ask = |command: &str| {
-        let log = capture.to_string_lossy();
-        let output = run(&["port", "--serial", &terminal, "--log", &log, command]);
-        (output.status.code(), String::from_utf8_lossy(&output.stdout).into_owned())
-    };
-    let (code, status) = ask("status");
-    assert_eq!(code, Some(0), "{status}");
-    for word in ["on mps2_an386", "restart: power", "late 0", "outcome not_in_control", "link: frames 0", "log: frames"]
-    {
-        assert!(status.contains(word) || word.contains("not_in_control") && status.contains("link_lost"), "{status}");
-    }
-    assert!(status.contains("clock: the simulator's") && status.contains("1.5 an instruction assumed"), "{status}");
-    assert!(status.contains(" of 4000000 us; start 1\n"), "{status}");
-    // Each task but the planner has run; the sum of its histogram is how often.
-    let lines: Vec<_> = status.lines().collect();
-    let number = |word: &str| word.parse::<u32>().unwrap();
-    for task in ["receive", "step", "transmit", "listen", "speak"] {
-        let at = lines.iter().position(|line| line.starts_with(&format!("{task}: "))).unwrap();
-        let words: Vec<_> = lines[at].split_whitespace().collect();
-        let [runs, min, mean, max] = [1, 4, 5, 6].map(|at| number(words[at]));
-        assert!(runs > 0 && min <= mean && mean <= max && max > 0, "{status}");
-        let bins = lines[at + 1..].iter().take_while(|line| line.starts_with(' ')).flat_map(|line| line.split(" <2^"));
-        let counted: u32 = bins.filter_map(|bin| bin.split_whitespace().nth(1)).map(number).sum();
-        assert_eq!(counted, runs, "{status}");
-    }
-    assert!(ask("help").1.contains("factory-reset yes"));
-    assert!(ask("fly away").1.contains("error: no such command"));
-    assert!(ask("factory-reset").1.contains("`factory-reset yes`"));
-    assert!(ask(&"status ".repeat(20)).1.contains("error: the line is too long"));
-    assert!(ask("watchdog").1.contains("`watchdog yes`"));
-    assert!(ask("restart").1.contains("restarts"));
-    let (code, status) = ask("status");
-    assert!(code == Some(0) && status.contains("restart: as asked"), "{status}");
-    qemu.kill().unwrap();
-    qemu.wait().unwrap();
 }

@@ -11,8 +11,7 @@ use foxhound_core::doa::bearing::Bearing;
 use foxhound_core::doa::radio::{Mount, Sends};
 use foxhound_sim::tools::radio_array::RadioArray;
 use foxhound_sim::world::iq::{report, synchronised};
-use foxhound_tests::{root, run};
-use serde_json::Value;
+use foxhound_tests::{root, run_json_lines};
 
 const ADDRESS: u64 = 0x6C1D_EBA4_1845;
 const OFFSET_HZ: f64 = 7e3;
@@ -66,9 +65,7 @@ fn the_line_gives_the_bearings_of_the_command() {
     packets[20][16..].fill(1);
     std::fs::write(&path, packets.concat()).unwrap();
     let text = |path: &std::path::Path| path.to_string_lossy().into_owned();
-    let output = run(&["bearing", "--switched", &text(&path), "--array", &text(&array), "--json"]);
-    let printed: Vec<Value> =
-        String::from_utf8(output.stdout).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let printed = run_json_lines(&["bearing", "--switched", &text(&path), "--array", &text(&array), "--json"]);
     assert_eq!(printed.len(), packets.len());
     let mut line = Line::new(MOUNT);
     for (packet, printed) in packets.iter().zip(&printed) {

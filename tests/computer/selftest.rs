@@ -8,8 +8,8 @@ use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::Bearing;
 use foxhound_core::guidance::{self, FrontEnd};
-use foxhound_link::dialect::{COMMAND_LONG_DATA, MavMessage};
-use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
+use foxhound_link::dialect::MavMessage;
+use foxhound_link::framer::Framer;
 use foxhound_sim::autopilot::{Autopilot, GUIDED, Start};
 use foxhound_sim::drive::computer::{Computer as _, HostComputer};
 use foxhound_sim::scenario::Software;
@@ -19,7 +19,7 @@ use foxhound_sim::world::Pose;
 use foxhound_sim::world::antennas::{Antennas, Fault, square};
 use foxhound_sim::world::random::Random;
 use foxhound_sim::world::vehicle::Motion;
-use npyz::WriterBuilder as _;
+use foxhound_tests::{npy_frames, station};
 
 const SELF_TEST: u16 = 31_010;
 const CALIBRATE: u16 = 31_011;
@@ -109,36 +109,21 @@ impl Bench {
         self.step += 1;
     }
 
-    fn read(&mut self, mut bytes: &[u8]) {
-        while !bytes.is_empty() {
-            bytes = &bytes[self.framer.push(bytes)..];
-            while let Some(frame) = self.framer.next_frame() {
-                match frame.message() {
-                    Some(MavMessage::COMMAND_ACK(ack)) => self.results.push((ack.command, ack.result)),
-                    Some(MavMessage::STATUSTEXT(text)) => self.texts.push(text.text.to_str().unwrap().to_owned()),
-                    Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(_)) => self.setpoints += 1,
-                    _ => {}
-                }
+    fn read(&mut self, bytes: &[u8]) {
+        for (_, message) in station::messages(&mut self.framer, bytes) {
+            match message {
+                MavMessage::COMMAND_ACK(ack) => self.results.push((ack.command, ack.result)),
+                MavMessage::STATUSTEXT(text) => self.texts.push(station::words(&text)),
+                MavMessage::SET_POSITION_TARGET_LOCAL_NED(_) => self.setpoints += 1,
+                _ => {}
             }
         }
     }
 
     /// Sends the command of a ground station, and waits for the result.
     fn order(&mut self, command: u16, param1: f32, param2: f32) -> Option<Report> {
-        let (target_system, target_component) = (1, 191);
-        let message = COMMAND_LONG_DATA {
-            target_system,
-            target_component,
-            command,
-            param1,
-            param2,
-            ..COMMAND_LONG_DATA::DEFAULT
-        };
-        let mut frame = [0; FRAME_MAX];
-        let header = Header { system_id: 255, component_id: 190, sequence: 0 };
-        let length = encode_data(header, &message, &mut frame);
         (self.results, self.texts, self.setpoints) = (Vec::new(), Vec::new(), 0);
-        self.step(&frame[..length]);
+        self.step(&station::command(command, param1, param2));
         self.run(200);
         assert_eq!(self.setpoints, 0, "nothing moves");
         self.computer.examined().copied()
@@ -312,24 +297,16 @@ fn armed_it_is_refused_and_one_that_is_armed_meanwhile_is_interrupted() {
         let begin_us = bench.step * bench.step_us;
         assert!(bench.autopilot.select_mode(begin_us, GUIDED) && bench.autopilot.arm(begin_us));
         bench.run(100);
-        let message = |command| COMMAND_LONG_DATA {
-            target_system: 1,
-            target_component: 191,
-            command,
-            ..COMMAND_LONG_DATA::DEFAULT
-        };
-        let mut frame = [0; FRAME_MAX];
-        let header = Header { system_id: 255, component_id: 190, sequence: 0 };
-        let length = encode_data(header, &message(command), &mut frame);
+        let frame = station::command(command, 0.0, 0.0);
         bench.results.clear();
-        bench.step(&frame[..length]);
+        bench.step(&frame);
         bench.run(200);
         assert_eq!(bench.results, [(command, REJECTED)]);
         assert!(bench.computer.examined().is_none());
 
         let mut bench = Bench::new(good(), 1);
         bench.results.clear();
-        bench.step(&frame[..length]);
+        bench.step(&frame);
         bench.run(20);
         let now_us = bench.step * bench.step_us;
         assert!(bench.autopilot.select_mode(now_us, GUIDED) && bench.autopilot.arm(now_us));
@@ -345,16 +322,8 @@ fn armed_it_is_refused_and_one_that_is_armed_meanwhile_is_interrupted() {
 fn calibrated_by_the_command(frames: &[AdcFrame<256>], azimuth_deg: Option<f64>) -> calibrate::Report {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("frames.npy");
-    let codes = frames.iter().flat_map(|frame| frame.codes.as_flattened().iter().copied());
-    let shape = [frames.len() as u64, 4, 256];
-    let mut writer = npyz::WriteOptions::new()
-        .default_dtype()
-        .shape(&shape)
-        .writer(std::fs::File::create(&path).unwrap())
-        .begin_nd()
-        .unwrap();
-    writer.extend(codes).unwrap();
-    writer.finish().unwrap();
+    let codes: Vec<i16> = frames.iter().flat_map(|frame| frame.codes.as_flattened().iter().copied()).collect();
+    std::fs::write(&path, npy_frames(&codes, 256)).unwrap();
     let array = "wavelength_m = 0.345\nside_m = 0.138\nsample_rate_hz = 102400.0\n";
     let options = calibrate::Options { azimuth_deg, ..calibrate::Options::default() };
     calibrate::calibrate(&Recording::read(&path).unwrap(), array, &options).unwrap().1

@@ -5,9 +5,8 @@
 
 #![expect(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on has failed")]
 
-use std::io::{BufRead as _, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::{JoinHandle, sleep};
@@ -21,7 +20,8 @@ use foxhound_sim::drive::companion::Pace;
 use foxhound_sim::scenario::{self, VehicleModel};
 use foxhound_sim::world::Pose;
 use foxhound_sim::world::vehicle::Vehicle;
-use foxhound_tests::{foxhound, python, qemu_image, root, run, run_json, share_machine};
+use foxhound_tests::station::{messages, words};
+use foxhound_tests::{assert_refused, errors, foxhound, peer_says, qemu_image, run_json, share_machine, signal, text};
 use serde_json::Value;
 
 const STEP_US: u64 = 10_000;
@@ -182,25 +182,22 @@ impl Drop for Bench {
     }
 }
 
-fn listen(heard: &mut Heard, framer: &mut Framer, mut bytes: &[u8], in_mode: bool) {
-    while !bytes.is_empty() {
-        bytes = &bytes[framer.push(bytes)..];
-        while let Some((header, message)) = framer.next_frame().map(|frame| (frame.header, frame.message())) {
-            assert_eq!((header.system_id, header.component_id), (1, 191));
-            match message {
-                Some(MavMessage::HEARTBEAT(beat)) => {
-                    assert_eq!((beat.mavtype, beat.autopilot), (18, 8));
-                    heard.heartbeats += 1;
-                }
-                Some(MavMessage::STATUSTEXT(text)) => heard.texts.push(text.text.to_str().unwrap().to_owned()),
-                Some(MavMessage::COMMAND_LONG(command)) => heard.commands.push(command.command),
-                Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) => {
-                    assert_eq!((target.type_mask, target.coordinate_frame), (0x05C7, 1));
-                    let velocity = [target.vx, target.vy, target.vz];
-                    heard.setpoints.push(Told { in_mode, velocity, yaw_rate: target.yaw_rate });
-                }
-                _ => {}
+fn listen(heard: &mut Heard, framer: &mut Framer, bytes: &[u8], in_mode: bool) {
+    for (header, message) in messages(framer, bytes) {
+        assert_eq!((header.system_id, header.component_id), (1, 191));
+        match message {
+            MavMessage::HEARTBEAT(beat) => {
+                assert_eq!((beat.mavtype, beat.autopilot), (18, 8));
+                heard.heartbeats += 1;
             }
+            MavMessage::STATUSTEXT(text) => heard.texts.push(words(&text)),
+            MavMessage::COMMAND_LONG(command) => heard.commands.push(command.command),
+            MavMessage::SET_POSITION_TARGET_LOCAL_NED(target) => {
+                assert_eq!((target.type_mask, target.coordinate_frame), (0x05C7, 1));
+                let velocity = [target.vx, target.vy, target.vz];
+                heard.setpoints.push(Told { in_mode, velocity, yaw_rate: target.yaw_rate });
+            }
+            _ => {}
         }
     }
 }
@@ -210,7 +207,7 @@ fn pillars(dir: &Path) -> String {
     let obstacles = PILLARS.map(|[north, east, r]| format!(r#"{{"x":{east},"y":{north},"r":{r}}}"#));
     let path = dir.join("pillars.json");
     std::fs::write(&path, format!(r#"{{"obstacles":[{}]}}"#, obstacles.join(","))).unwrap();
-    path.to_string_lossy().into_owned()
+    text(&path)
 }
 
 pub(crate) fn start(address: &str, extra: &[&str]) -> Child {
@@ -227,15 +224,9 @@ pub(crate) fn start(address: &str, extra: &[&str]) -> Child {
 }
 
 pub(crate) fn ended(child: Child) -> (i32, Value) {
-    let Output { status, stdout, stderr } = child.wait_with_output().unwrap();
-    let report =
-        serde_json::from_slice(&stdout).unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(&stderr)));
-    (status.code().unwrap(), report)
-}
-
-pub(crate) fn interrupt(child: &Child) {
-    let killed = Command::new("sh").arg("-c").arg(format!("kill -INT {}", child.id())).status().unwrap();
-    assert!(killed.success());
+    let output = child.wait_with_output().unwrap();
+    let report = serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {}", errors(&output)));
+    (output.status.code().unwrap(), report)
 }
 
 /// Requirements at the end of every flight that arrives.
@@ -260,7 +251,7 @@ fn well_behaved(heard: &Heard) {
 fn flies_to_the_beacon(listen: &str) {
     let dir = tempfile::tempdir().unwrap();
     let bench = Bench::new(listen);
-    let log = dir.path().join("flight.tlog").to_string_lossy().into_owned();
+    let log = text(&dir.path().join("flight.tlog"));
     let (code, report) = ended(start(&bench.address, &["--obstacles", &pillars(dir.path()), "--tlog", &log]));
     arrived(&bench, code, &report);
     let heard = bench.heard();
@@ -389,7 +380,7 @@ fn interrupted_it_stops_the_vehicle_first() {
     let bench = Bench::new("tcp:127.0.0.1:0");
     let companion = start(&bench.address, &["--source=40,0,-5"]);
     bench.wait("some speed", |heard| heard.speed_mps > 0.6);
-    interrupt(&companion);
+    signal(companion.id(), "-INT");
     let (code, report) = ended(companion);
     assert_eq!((code, &report["result"]), (130, &"interrupted".into()), "{report}");
     let heard = bench.heard();
@@ -425,97 +416,80 @@ fn a_stranger_can_try_it_with_the_modelled_px4_and_a_bad_line() {
 }
 
 fn tried_with(software: &str) {
-    let mut autopilot = foxhound()
-        .args(["autopilot", "--json", "--listen", "tcp:127.0.0.1:0", "--start=1,-1,7", "--noise", "3:0.0005"])
-        .args(["--software", software])
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut lines = BufReader::new(autopilot.stdout.take().unwrap()).lines();
-    let first: Value = serde_json::from_str(&lines.next().unwrap().unwrap()).unwrap();
+    let autopilot =
+        foxhound_tests::Autopilot::start(&["--start=1,-1,7", "--noise", "3:0.0005", "--software", software]);
     // One companion after another: each is given control afresh.
     for source in ["--source=1,2,-7", "--source=-3,-3,-7"] {
-        let (code, report) = ended(start(first["autopilot"].as_str().unwrap(), &[source]));
+        let (code, report) = ended(start(&autopilot.address, &[source]));
         assert_eq!((code, &report["result"]), (0, &"reached".into()), "{report}");
     }
-    interrupt(&autopilot);
-    let last: Value = serde_json::from_str(&lines.next().unwrap().unwrap()).unwrap();
-    assert!(autopilot.wait().unwrap().success() && lines.next().is_none());
+    let last = autopilot.end();
     assert_eq!(last["last_setpoint_mps"], serde_json::json!([0.0, 0.0, 0.0]), "{last}");
     let [north, east, down] = [0, 1, 2].map(|axis| last["position_ned_m"][axis].as_f64().unwrap());
     assert!((north + 3.0).hypot(east + 3.0) < 1.5 && (down + 7.0).abs() < 0.3, "{last}");
     assert!(last["fastest_setpoint_mps"].as_f64().unwrap() <= 2.0, "{last}");
 }
 
-/// Bad options are refused by name, with exit code 2 and nothing on standard output.
+/// Files, ports and places that cannot be used are refused by the option that names them; `tests/proof/bad_input.rs` has the rest.
 #[test]
-fn bad_usage_is_refused_and_named() {
+fn what_cannot_be_used_is_refused_by_option() {
     let _machine = share_machine();
     let dir = tempfile::tempdir().unwrap();
-    let write = |name: &str, text: &str| {
+    let write = |name: &str, content: &str| {
         let path = dir.path().join(name);
-        std::fs::write(&path, text).unwrap();
-        path.to_string_lossy().into_owned()
+        std::fs::write(&path, content).unwrap();
+        text(&path)
     };
     let unknown = write("unknown.json", r#"{"obstacles":[{"x":1,"y":2,"r":0.3,"height":4}]}"#);
     let negative = write("negative.json", r#"{"obstacles":[{"x":1,"y":2,"r":-0.3}]}"#);
-    let missing = dir.path().join("missing.json").to_string_lossy().into_owned();
+    let missing = text(&dir.path().join("missing.json"));
     let fast = write("fast.toml", "FH_SPD_MAX = 99");
     let no_elf = format!("qemu:{unknown}");
-    let good = ["--autopilot", "tcp:127.0.0.1:9", "--source", "1,2,-3", "--max-time", "1"];
-    for (arguments, words) in [
-        (vec!["--autopilot", "tpc:127.0.0.1:9", "--source", "1,2,-3"], ["--autopilot", "did you mean `tcp`?"]),
-        (vec!["--autopilot", "tcp:127.0.0.1:70000", "--source", "1,2,-3"], ["--autopilot", "70000 is outside"]),
-        (vec!["--autopilot", "tcp:127.0.0.1", "--source", "1,2,-3"], ["--autopilot", "has no port"]),
-        (vec!["--autopilot", "/dev/ttyACM0", "--source", "1,2,-3"], ["--autopilot", "serial:/dev/ttyACM0:115200"]),
-        (vec!["--autopilot", "serial:/dev/no-such-port:57600", "--source", "1,2,-3"], ["--autopilot", "No such file"]),
-        (vec!["--autopilot", "serial:/dev/null:57600", "--source", "1,2,-3"], ["--autopilot", "/dev/null"]),
-        (vec!["--autopilot", "udpout:no-such-host.invalid:9", "--source", "1,2,-3"], ["--autopilot", "no-such-host"]),
-        (vec!["--autopilot", "tcp:127.0.0.1:9"], ["--source", "required"]),
-        (vec!["--source", "1,2,-3"], ["--autopilot", "required"]),
-        (vec!["--autopilot", "tcp:127.0.0.1:9", "--source", "1,2"], ["--source", "three numbers"]),
-        (vec!["--autopilot", "tcp:127.0.0.1:9", "--source", "1,nan,3"], ["--source", "three numbers"]),
-        (vec!["--autopilot", "tcp:127.0.0.1:9", "--source=1e9,0,0"], ["--source: N", "is outside"]),
-        ([&good[..], &["--v-max", "0"]].concat(), ["--v-max = 0", "is outside"]),
-        ([&good[..], &["--v-max", "-1"]].concat(), ["--v-max = -1", "is outside"]),
-        ([&good[..], &["--drone-radius", "nan"]].concat(), ["--drone-radius", "is outside"]),
-        ([&good[..], &["--snr-db", "900"]].concat(), ["--snr-db", "is outside"]),
-        ([&good[..], &["--max-time", "x"]].concat(), ["--max-time", "invalid"]),
-        ([&good[..], &["--obstacles", &missing]].concat(), ["--obstacles", "missing.json"]),
-        ([&good[..], &["--obstacles", &unknown]].concat(), ["--obstacles", "obstacles[0].height: unknown key"]),
-        ([&good[..], &["--obstacles", &negative]].concat(), ["--obstacles", "obstacles[0].r = -0.3 is outside"]),
-        ([&good[..], &["--pad", "1"]].concat(), ["--pad", "two numbers"]),
-        ([&good[..], &["--pad=1,12.5"]].concat(), ["--pad: E = 12.5", "is outside -8..=12"]),
-        ([&good[..], &["--via", "qmeu:x"]].concat(), ["--via", "expected"]),
-        ([&good[..], &["--via", &no_elf]].concat(), ["--via", "not an ELF file"]),
-        ([&good[..], &["--tlog", "/dev/null/f.tlog"]].concat(), ["--tlog", "/dev/null"]),
-        ([&good[..], &["--planner", "nobody"]].concat(), ["--planner", "nobody"]),
-        ([&good[..], &["--params", &missing]].concat(), ["missing.json", "No such file"]),
-        ([&good[..], &["--params", &fast]].concat(), ["fast.toml: FH_SPD_MAX = 99", "outside"]),
-    ] {
-        // A limit given twice is refused for that; the last word counts here.
-        let mut arguments = arguments;
-        if arguments.iter().filter(|word| **word == "--max-time").count() == 2 {
-            arguments.drain(4..6);
-        }
-        let output = run(&[&["companion"], &arguments[..]].concat());
-        let errors = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {errors}");
-        assert!(words.iter().all(|word| errors.contains(word)), "{arguments:?}: {errors}");
-        assert!(output.stdout.is_empty());
-    }
-    for (arguments, words) in [
-        (vec!["autopilot", "--listen", "ptty"], ["--listen", "expected"]),
-        (vec!["autopilot", "--listen", "pty", "--software", "px5"], ["--software", "px5"]),
-        (vec!["autopilot", "--listen", "pty", "--noise", "0.1"], ["--noise", "SEED:RATE"]),
-        (vec!["autopilot", "--listen", "pty", "--noise", "1:2"], ["--noise", "rate 2 is outside"]),
-        (vec!["autopilot", "--listen", "pty", "--start", "1,2"], ["--start", "three numbers"]),
-    ] {
-        let output = run(&arguments);
-        let errors = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {errors}");
-        assert!(words.iter().all(|word| errors.contains(word)), "{arguments:?}: {errors}");
-    }
+    let with_source = ["companion", "--source", "1,2,-3", "--autopilot"];
+    assert_refused(
+        &with_source,
+        &[
+            (["tcp:127.0.0.1:70000"], ["--autopilot", "70000 is outside"]),
+            (["tcp:127.0.0.1"], ["--autopilot", "has no port"]),
+            (["/dev/ttyACM0"], ["--autopilot", "serial:/dev/ttyACM0:115200"]),
+            (["serial:/dev/no-such-port:57600"], ["--autopilot", "No such file"]),
+            (["serial:/dev/null:57600"], ["--autopilot", "/dev/null"]),
+            (["udpout:no-such-host.invalid:9"], ["--autopilot", "no-such-host"]),
+        ],
+    );
+    let beside = ["companion", "--autopilot", "tcp:127.0.0.1:9"];
+    assert_refused(
+        &beside,
+        &[
+            (["--source", "1,nan,3"], ["--source", "three numbers"]),
+            (["--source", "1e9,0,0"], ["--source: N", "is outside"]),
+        ],
+    );
+    assert_refused(
+        &[&beside[..], &["--source", "1,2,-3", "--max-time", "1"]].concat(),
+        &[
+            (["--snr-db", "900"], ["--snr-db", "is outside"]),
+            (["--obstacles", &missing], ["--obstacles", "missing.json"]),
+            (["--obstacles", &unknown], ["--obstacles", "obstacles[0].height: unknown key"]),
+            (["--obstacles", &negative], ["--obstacles", "obstacles[0].r = -0.3 is outside"]),
+            (["--pad", "1"], ["--pad", "two numbers"]),
+            (["--pad", "1,12.5"], ["--pad: E = 12.5", "is outside -8..=12"]),
+            (["--via", "qmeu:x"], ["--via", "expected"]),
+            (["--via", &no_elf], ["--via", "not an ELF file"]),
+            (["--tlog", "/dev/null/f.tlog"], ["--tlog", "/dev/null"]),
+            (["--planner", "nobody"], ["--planner", "nobody"]),
+            (["--params", &missing], ["missing.json", "No such file"]),
+            (["--params", &fast], ["fast.toml: FH_SPD_MAX = 99", "outside"]),
+        ],
+    );
+    assert_refused(
+        &["autopilot", "--listen"],
+        &[
+            (&["ptty"][..], ["--listen", "expected"]),
+            (&["pty", "--noise", "0.1"], ["--noise", "SEED:RATE"]),
+            (&["pty", "--start", "1,2"], ["--start", "three numbers"]),
+        ],
+    );
 }
 
 /// The firmware in QEMU flies among pillars to the beacon, over TCP and in real time, and stops there.
@@ -539,12 +513,9 @@ fn pymavlink_reads_the_log_without_bad_data() {
     let dir = tempfile::tempdir().unwrap();
     let bench = Bench::new("tcp:127.0.0.1:0");
     let log = dir.path().join("flight.tlog");
-    let (code, report) = ended(start(&bench.address, &["--source=4,0,-5", "--tlog", &log.to_string_lossy()]));
+    let (code, report) = ended(start(&bench.address, &["--source=4,0,-5", "--tlog", &text(&log)]));
     assert_eq!(code, 0, "{report}");
-    let output = python().arg(root().join("tests/peers/read_tlog.py")).arg(&log).output().unwrap();
-    let text = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{text}{}", String::from_utf8_lossy(&output.stderr));
-    let counts: Value = serde_json::from_str(&text).unwrap();
+    let counts: Value = serde_json::from_str(&peer_says("read_tlog.py", &[log])).unwrap();
     assert_eq!((&counts["bad"], &counts["directions"]), (&0.into(), &2.into()), "{counts}");
     let now_s = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap().as_secs_f64();
     assert!((counts["last_s"].as_f64().unwrap() - now_s).abs() < 60.0, "wall time: {counts}");

@@ -12,7 +12,8 @@ use std::time::{Duration, Instant};
 
 use foxhound_link::dialect::MavMessage;
 use foxhound_link::framer::Framer;
-use foxhound_tests::{Program, foxhound, take_machine};
+use foxhound_tests::station::messages;
+use foxhound_tests::{Autopilot, foxhound, signal, take_machine};
 use serde_json::Value;
 
 const GAP_MAX_S: f64 = 0.1;
@@ -58,15 +59,9 @@ fn between(autopilot: &str) -> (String, Arc<Mutex<Vec<Instant>>>) {
             if count == 0 || autopilot.write_all(&bytes[..count]).is_err() {
                 break;
             }
-            let mut rest = &bytes[..count];
-            while !rest.is_empty() {
-                rest = &rest[framer.push(rest)..];
-                while let Some(frame) = framer.next_frame() {
-                    if matches!(frame.message(), Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(_))) {
-                        noted.lock().unwrap().push(now);
-                    }
-                }
-            }
+            let sent = messages(&mut framer, &bytes[..count]).into_iter();
+            let setpoints = sent.filter(|sent| matches!(sent.1, MavMessage::SET_POSITION_TARGET_LOCAL_NED(_)));
+            noted.lock().unwrap().extend(setpoints.map(|_| now));
         }
         // The other half ends with it.
         let _ = autopilot.shutdown(Shutdown::Both);
@@ -241,9 +236,8 @@ fn ask(page: &str, from: usize) -> Option<(f64, usize)> {
 
 /// Flies to a source under attack.
 fn fly(source: &str) -> Outcome {
-    let mut autopilot = Program::start(foxhound().args(["autopilot", "--json", "--listen", "tcp:127.0.0.1:0"]));
-    let first: Value = serde_json::from_str(&autopilot.lines().next().unwrap().unwrap()).unwrap();
-    let (address, times) = between(first["autopilot"].as_str().unwrap());
+    let autopilot = Autopilot::start(&[]);
+    let (address, times) = between(&autopilot.address);
     let (mut child, page) = start(&address, source);
     // It is under way, and has taken the memory that it needs.
     while times.lock().unwrap().len() < 20 {
@@ -268,8 +262,7 @@ fn fly(source: &str) -> Outcome {
     let flight_s = last(&times).duration_since(since).as_secs_f64();
     let mut result = "it was ended".to_owned();
     if ended.is_none() {
-        let killed = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-        assert!(killed.success());
+        signal(child.id(), "-INT");
         let mut text = String::new();
         child.stdout.take().unwrap().read_to_string(&mut text).unwrap();
         child.wait().unwrap();

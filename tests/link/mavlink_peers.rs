@@ -3,36 +3,20 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::io::Write as _;
-use std::process::Stdio;
 
 use foxhound_link::Message as _;
 use foxhound_link::dialect::MavMessage;
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, MavlinkVersion, encode, known, known_ids};
-use foxhound_tests::{python, root, share_machine};
+use foxhound_tests::{piped_through, share_machine};
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro128PlusPlus;
 use serde_json::Value;
 
 const EACH: usize = 50;
 
-/// What a script in `tests/peers` prints.
+/// What a program of `tests/peers` makes of text.
 fn peer(script: &str, arguments: &[String], input: String) -> String {
-    let mut child = python()
-        .arg(root().join("tests/peers").join(script))
-        .args(arguments)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut stdin = child.stdin.take().unwrap();
-    let writer = std::thread::spawn(move || stdin.write_all(input.as_bytes()));
-    let output = child.wait_with_output().unwrap();
-    let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{errors}");
-    writer.join().unwrap().unwrap();
-    String::from_utf8(output.stdout).unwrap()
+    String::from_utf8(piped_through(script, arguments, input.into_bytes())).unwrap()
 }
 
 fn hex(bytes: &[u8]) -> String {

@@ -8,7 +8,7 @@ use std::path::Path;
 use std::thread::sleep;
 use std::time::Duration;
 
-use foxhound_tests::{Program, foxhound, python, root, run_json, share_machine};
+use foxhound_tests::{Autopilot, Program, foxhound, peer, python, run_json, share_machine, text};
 use serde_json::Value;
 
 const V_MAX: f64 = 2.0;
@@ -73,9 +73,7 @@ fn is_moving(setpoint: &Told) -> bool {
 
 /// Flies with MAVSDK until it has read enough of it, and stops then.
 fn flown_with_mavsdk(software: &str) -> Transcript {
-    let script = root().join("tests/peers/mavsdk_autopilot.py");
-    let mut command = python();
-    let mut mavsdk = Program::start(command.arg(script).arg(software));
+    let mut mavsdk = Program::start(peer("mavsdk_autopilot.py").arg(software));
     let mut lines = mavsdk.lines();
     let first: Value = serde_json::from_str(&lines.next().unwrap().unwrap()).unwrap();
     let mut companion = companion(&format!("udpout:127.0.0.1:{}", first["port"]), &["--source=30,0,-5"]);
@@ -259,11 +257,7 @@ fn rate_hz(times_us: &[u64], from_us: u64, to_us: u64) -> f64 {
 fn mavproxy_routes_without_loss_and_its_greedy_stream_requests_are_corrected() {
     let _machine = share_machine();
     let dir = tempfile::tempdir().unwrap();
-    let mut command = foxhound();
-    command.args(["autopilot", "--json", "--listen", "tcp:127.0.0.1:0"]);
-    let mut autopilot = Program::start(&mut command);
-    let mut said = autopilot.lines().map(|line| serde_json::from_str::<Value>(&line.unwrap()).unwrap());
-    let first = said.next().unwrap();
+    let autopilot = Autopilot::start(&[]);
     // A port that was free a moment ago.
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let router_log = dir.path().join("router.tlog");
@@ -271,14 +265,14 @@ fn mavproxy_routes_without_loss_and_its_greedy_stream_requests_are_corrected() {
     // Every 15 s it asks for four of every message a second, by default.
     command
         .args(["-m", "MAVProxy.mavproxy", "--daemon", "--non-interactive", "--streamrate=4"])
-        .arg(format!("--master={}", first["autopilot"].as_str().unwrap()))
+        .arg(format!("--master={}", autopilot.address))
         .arg(format!("--out=udpout:127.0.0.1:{port}"))
         .arg(format!("--logfile={}", router_log.display()))
         .current_dir(dir.path())
         .env("HOME", dir.path());
     let mut router = Program::start(&mut command);
     let log = dir.path().join("companion.tlog");
-    let arguments = ["--source=24,0,-5", "--tlog", &log.to_string_lossy()];
+    let arguments = ["--source=24,0,-5", "--tlog", &text(&log)];
     let mut companion = companion(&format!("udpin:127.0.0.1:{port}"), &arguments);
 
     let report: Value = serde_json::from_str(&companion.lines().next().unwrap().unwrap()).unwrap();
@@ -287,8 +281,7 @@ fn mavproxy_routes_without_loss_and_its_greedy_stream_requests_are_corrected() {
     sleep(Duration::from_secs(1));
     router.signal("-TERM");
     router.wait();
-    autopilot.signal("-INT");
-    let last = said.next().unwrap();
+    let last = autopilot.end();
 
     // Both ways, frame for frame. What it passed on last it may not have written any more; the autopilot counts that.
     let (ours, routed) = (records(&log), records(&router_log));
@@ -299,7 +292,7 @@ fn mavproxy_routes_without_loss_and_its_greedy_stream_requests_are_corrected() {
     assert!(setpoints > 200 && last["setpoints"] == setpoints, "{setpoints} {last}");
     assert_eq!(last["last_setpoint_mps"], serde_json::json!([0.0, 0.0, 0.0]), "{last}");
     for path in [&log, &router_log] {
-        let (code, counts) = run_json(&["tlog", &path.to_string_lossy(), "--json"]);
+        let (code, counts) = run_json(&["tlog", &text(path), "--json"]);
         assert_eq!((code, &counts["bad_crc"], &counts["skipped_bytes"]), (0, &0.into(), &0.into()), "{counts}");
     }
 

@@ -8,9 +8,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
 use std::time::Duration;
 
-use foxhound_tests::{run, share_machine};
+use foxhound_tests::{assert_refused, foxhound, share_machine, signal, text};
 
-use crate::companion::{Bench, ended, interrupt, start};
+use crate::companion::{Bench, ended, start};
 
 /// Sends the bearing of a beacon 8 m north by UDP ten times a second, as a radio on the vehicle would, while `is_wanted`.
 fn radio(bench: &Bench, port: u16, is_wanted: &Arc<AtomicBool>) -> impl FnOnce() {
@@ -79,12 +79,12 @@ fn a_beacon_whose_place_is_not_known_is_flown_to_until_it_is_stopped() {
     let is_wanted = Arc::new(AtomicBool::new(true));
     let end = radio(&bench, port, &is_wanted);
     let source = format!("udp:127.0.0.1:{port}");
-    let mut command = foxhound_tests::foxhound();
+    let mut command = foxhound();
     command.args(["companion", "--autopilot", &bench.address, "--json", "--obstacles", "none"]);
     command.args(["--bearings", &source, "--params", &params()]);
     let child = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().unwrap();
     bench.wait("it flies", |heard| heard.position_ned_m[0] > 3.0);
-    interrupt(&child);
+    signal(child.id(), "-INT");
     let (code, report) = ended(child);
     assert!(code == 130 && report["bearing_rms_deg"].is_null(), "{report}");
     end();
@@ -94,22 +94,22 @@ fn a_beacon_whose_place_is_not_known_is_flown_to_until_it_is_stopped() {
 fn params() -> String {
     let path = std::env::temp_dir().join(format!("foxhound-radio-{}.toml", std::process::id()));
     std::fs::write(&path, "FH_OBS_REQ = 0\n").unwrap();
-    path.to_string_lossy().into_owned()
+    text(&path)
 }
 
 /// A radio that cannot be opened is refused before the flight, by the name of the option.
 #[test]
 fn a_radio_that_cannot_be_had_is_refused_by_option() {
-    let refused = |more: &[&str], words: &str| {
-        let output = run(&[&["companion", "--autopilot", "tcp:127.0.0.1:1"], more].concat());
-        let text = String::from_utf8(output.stderr).unwrap();
-        assert!(output.status.code() == Some(2) && text.contains(words), "{more:?}: {text}");
-    };
-    refused(&[], "--source");
-    refused(&["--bearings", "radio:1"], "expected kraken:HOST");
-    refused(&["--bearings", "heimdall:127.0.0.1"], "needs --array");
-    refused(&["--bearings", "hci:/dev/does-not-exist:115200"], "needs --array");
-    refused(&["--bearings", "uudf:/dev/does-not-exist:115200"], "/dev/does-not-exist");
-    refused(&["--bearings", "kraken:127.0.0.1:1", "--sigma-deg", "0"], "--sigma-deg = 0 is outside");
-    refused(&["--bearings", "kraken:127.0.0.1:1", "--bearing-age", "99"], "--bearing-age = 99 is outside");
+    assert_refused(
+        &["companion", "--autopilot", "tcp:127.0.0.1:1"],
+        &[
+            (&[][..], ["--source"]),
+            (&["--bearings", "radio:1"], ["expected kraken:HOST"]),
+            (&["--bearings", "heimdall:127.0.0.1"], ["needs --array"]),
+            (&["--bearings", "hci:/dev/does-not-exist:115200"], ["needs --array"]),
+            (&["--bearings", "uudf:/dev/does-not-exist:115200"], ["/dev/does-not-exist"]),
+            (&["--bearings", "kraken:127.0.0.1:1", "--sigma-deg", "0"], ["--sigma-deg = 0 is outside"]),
+            (&["--bearings", "kraken:127.0.0.1:1", "--bearing-age", "99"], ["--bearing-age = 99 is outside"]),
+        ],
+    );
 }

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use foxhound_tests::{Program, foxhound, python, root, run, share_machine};
+use foxhound_tests::{Autopilot, Program, foxhound, peer, refused, share_machine, text};
 use serde_json::{Value, json};
 
 const KEY: &str = "00112233445566778899aabbccddeeff0123456789abcdeffedcba9876543210";
@@ -12,13 +12,12 @@ const OTHER: &str = "10112233445566778899aabbccddeeff0123456789abcdeffedcba98765
 fn key_file(dir: &Path, name: &str, key: &str) -> String {
     let path = dir.join(name);
     std::fs::write(&path, format!("{key}\n")).unwrap();
-    path.to_string_lossy().into_owned()
+    text(&path)
 }
 
 /// What a flight came to, to the companion and to pymavlink, which signs with [`KEY`].
 fn flown_with_pymavlink(arguments: &[&str]) -> (Value, Value) {
-    let script = root().join("tests/peers/signed_autopilot.py");
-    let mut autopilot = Program::start(python().arg(script).arg(KEY));
+    let mut autopilot = Program::start(peer("signed_autopilot.py").arg(KEY));
     let mut said = autopilot.lines().map(|line| serde_json::from_str::<Value>(&line.unwrap()).unwrap());
     let address = format!("udpout:127.0.0.1:{}", said.next().unwrap()["port"]);
     let report = flown(&address, arguments);
@@ -75,13 +74,10 @@ fn with_a_key_an_autopilot_that_does_not_sign_is_not_moved() {
     let _machine = share_machine();
     let dir = tempfile::tempdir().unwrap();
     let key = key_file(dir.path(), "key", KEY);
-    let mut autopilot = Program::start(foxhound().args(["autopilot", "--json", "--listen", "tcp:127.0.0.1:0"]));
-    let mut said = autopilot.lines().map(|line| serde_json::from_str::<Value>(&line.unwrap()).unwrap());
-    let address = said.next().unwrap()["autopilot"].as_str().unwrap().to_owned();
-    let report = flown(&address, &["--source=5,0,-5", "--max-time", "4", "--key", &key]);
+    let autopilot = Autopilot::start(&[]);
+    let report = flown(&autopilot.address, &["--source=5,0,-5", "--max-time", "4", "--key", &key]);
     assert_eq!((&report["result"], &report["reason"]), (&"timeout".into(), &"link_lost".into()), "{report}");
-    autopilot.signal("-INT");
-    let last = said.next().unwrap();
+    let last = autopilot.end();
     assert!(last["heartbeats"].as_u64().unwrap() > 2 && last["setpoints"] == 0, "{last}");
 }
 
@@ -92,7 +88,7 @@ fn a_bad_key_file_is_refused_and_what_stands_in_it_is_not_told() {
     let dir = tempfile::tempdir().unwrap();
     let short = key_file(dir.path(), "short", &KEY[2..]);
     let zero = key_file(dir.path(), "zero", &"0".repeat(64));
-    let missing = dir.path().join("missing").to_string_lossy().into_owned();
+    let missing = text(&dir.path().join("missing"));
     for (arguments, words) in [
         (&["--key", short.as_str()][..], ["--key", "64 hexadecimal digits"]),
         (&["--key", &zero], ["--key", "64 hexadecimal digits"]),
@@ -100,9 +96,7 @@ fn a_bad_key_file_is_refused_and_what_stands_in_it_is_not_told() {
         (&["--key", &short, "--via", "qemu:x.elf"], ["--key", "--via host"]),
     ] {
         let common = ["companion", "--autopilot", "tcp:127.0.0.1:9", "--source=1,2,-3", "--max-time", "1"];
-        let output = run(&[&common[..], arguments].concat());
-        let errors = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {errors}");
+        let errors = refused(&[&common[..], arguments].concat());
         assert!(words.iter().all(|word| errors.contains(word)) && !errors.contains(&KEY[4..12]), "{errors}");
     }
 }

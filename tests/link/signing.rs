@@ -11,7 +11,7 @@ use foxhound_link::dialect::{
 };
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode};
 use foxhound_link::signing::{Key, Setup, Signing, TIMESTAMP_MAX, Verdict, set_up};
-use foxhound_tests::{python, root, share_machine};
+use foxhound_tests::{peer, share_machine};
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -29,12 +29,7 @@ struct Peer {
 
 impl Peer {
     fn new(key: &[u8; 32]) -> Self {
-        let mut process = python()
-            .arg(root().join("tests/peers/signing.py"))
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut process = peer("signing.py").stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         let (orders, answers) = (process.stdin.take().unwrap(), process.stdout.take().unwrap());
         let mut peer = Self { process, orders, answers: BufReader::new(answers) };
         assert_eq!(peer.ask(&format!("key {}", hex(key))), "ok");

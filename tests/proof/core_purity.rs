@@ -3,9 +3,10 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use std::collections::BTreeSet;
+use std::path::PathBuf;
 use std::process::Command;
 
-use foxhound_tests::root;
+use foxhound_tests::{errors, files, root};
 
 /// All crates that the core may depend on, with its features off: each is `no_std` and allocates nothing.
 const ALLOWED: [&str; 15] = [
@@ -33,7 +34,7 @@ fn built_from(package: &str) -> BTreeSet<String> {
         .args(["tree", "-p", package, "-e", "normal", "--prefix", "none", "--format", "{p}"])
         .output()
         .unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{}", errors(&output));
     let text = String::from_utf8(output.stdout).unwrap();
     text.lines().filter_map(|line| line.split_whitespace().next()).map(str::to_owned).collect()
 }
@@ -61,20 +62,8 @@ fn papers_and_pad_depend_on_the_core_and_on_nothing_that_it_does_not() {
 /// The code of core, papers and pad uses neither `alloc` nor `std`, except in tests.
 #[test]
 fn core_papers_and_pad_name_neither_alloc_nor_std_outside_of_tests() {
-    fn sources(dir: &std::path::Path, found: &mut Vec<std::path::PathBuf>) {
-        for entry in std::fs::read_dir(dir).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                sources(&path, found);
-            } else if path.extension().is_some_and(|e| e == "rs") {
-                found.push(path);
-            }
-        }
-    }
-    let mut files = Vec::new();
-    sources(&root().join("core/src"), &mut files);
-    sources(&root().join("papers/src"), &mut files);
-    sources(&root().join("pad/src"), &mut files);
+    let crates = ["core/src", "papers/src", "pad/src"];
+    let files: Vec<PathBuf> = crates.iter().flat_map(|folder| files(&root().join(folder), "rs")).collect();
     assert!(files.len() > 20);
     // Files that are a module of their own, there for tests only: `#[cfg(test)] mod scenes;` in the same folder or in
     // that of the file's name.

@@ -5,28 +5,26 @@
 
 use std::fmt::Write as _;
 
-use foxhound_tests::{root, run_json};
+use foxhound_tests::{files, root, run_json, text};
 
 /// A set of flights gives the recorded results and trace hashes, bit for bit.
 #[test]
 fn flights_are_the_ones_on_record() {
-    let mut files: Vec<_> =
-        std::fs::read_dir(root().join("tests/scenarios")).unwrap().map(|e| e.unwrap().path()).collect();
-    files.sort();
+    let files = files(&root().join("tests/scenarios"), "json");
     let mut table = String::new();
     let mut fly = |name: &str, arguments: &[&str]| {
         let (_, report) = run_json(&[&["fly", "--json"], arguments].concat());
-        let text = |field: &str| report[field].as_str().unwrap().to_owned();
+        let word = |field: &str| report[field].as_str().unwrap().to_owned();
         let number = |field: &str| report[field].as_f64().map_or("-".to_owned(), |n| format!("{n:.2}"));
         writeln!(
             table,
             "{name:<24} {:<8} {:<17} {:>6} s {:>6} m, clearance {:>5} m  {}",
-            text("result"),
-            text("reason"),
+            word("result"),
+            word("reason"),
             number("time_s"),
             number("path_length_m"),
             number("min_clearance_m"),
-            text("trace_hash"),
+            word("trace_hash"),
         )
         .unwrap();
     };
@@ -37,7 +35,7 @@ fn flights_are_the_ones_on_record() {
     fly("built-in, plain field", &["--planner", "standard"]);
     for file in files {
         let name = file.file_stem().unwrap().to_string_lossy().replace('_', " ");
-        fly(&name, &["--scenario", &file.to_string_lossy()]);
+        fly(&name, &["--scenario", &text(&file)]);
     }
     insta::assert_snapshot!(table);
 }

@@ -6,24 +6,12 @@
 use std::collections::BTreeSet;
 use std::path::{Component, Path, PathBuf};
 
-use foxhound_tests::{foxhound, root, run, run_json};
+use foxhound_tests::{errors, files, foxhound, root, run, run_json, text};
 
 /// All pages below `docs`, by their path from the root.
 fn pages() -> Vec<PathBuf> {
-    let mut found = Vec::new();
-    let mut folders = vec![root().join("docs")];
-    while let Some(folder) = folders.pop() {
-        for entry in std::fs::read_dir(folder).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                folders.push(path);
-            } else if path.extension().is_some_and(|ending| ending == "md") {
-                found.push(path.strip_prefix(root()).unwrap().to_path_buf());
-            }
-        }
-    }
-    found.sort();
-    found
+    let found = files(&root().join("docs"), "md");
+    found.iter().map(|page| page.strip_prefix(root()).unwrap().to_path_buf()).collect()
 }
 
 fn pages_and_readme() -> Vec<PathBuf> {
@@ -47,16 +35,20 @@ fn lines(text: &str) -> Vec<(bool, &str)> {
     found
 }
 
+/// The lines of a page that are code, or those that are not.
+fn only(text: &str, is_code: bool) -> String {
+    lines(text).iter().filter(|line| line.0 == is_code).map(|line| format!("{}\n", line.1)).collect()
+}
+
 /// Where the links and pictures of a page lead.
 fn links(text: &str) -> Vec<String> {
-    let prose: String = lines(text).iter().filter(|line| !line.0).map(|line| format!("{}\n", line.1)).collect();
+    let prose = only(text, false);
     prose.split("](").skip(1).filter_map(|rest| Some(rest.split_once(')')?.0.to_owned())).collect()
 }
 
 /// What stands between backticks in the prose of a page.
 fn spans(text: &str) -> Vec<String> {
-    let prose: String = lines(text).iter().filter(|line| !line.0).map(|line| format!("{}\n", line.1)).collect();
-    prose.split('`').skip(1).step_by(2).map(str::to_owned).collect()
+    only(text, false).split('`').skip(1).step_by(2).map(str::to_owned).collect()
 }
 
 /// The anchors of a page's headings.
@@ -86,9 +78,8 @@ fn plain(path: &Path) -> PathBuf {
 
 /// The commands of a page that are ours, as words: those in blocks of code, without what a shell does around them.
 fn commands(text: &str) -> Vec<Vec<String>> {
-    let code: String = lines(text).iter().filter(|line| line.0).map(|line| format!("{}\n", line.1)).collect();
     let mut found = Vec::new();
-    for line in code.replace("\\\n", " ").lines() {
+    for line in only(text, true).replace("\\\n", " ").lines() {
         let line = line.trim().trim_start_matches("$ ");
         let line = line.split(" #").next().unwrap_or_default();
         // What a shell puts in for `$(...)`, we cannot know.
@@ -167,13 +158,8 @@ fn every_picture_is_shown_on_a_page() {
         .flat_map(|page| links(&read(page)).into_iter().map(|link| page.parent().unwrap().join(link)))
         .map(|path| plain(&path))
         .collect();
-    for folder in ["docs", "docs/hardware", "docs/concepts"] {
-        for entry in std::fs::read_dir(root().join(folder)).unwrap() {
-            let path = entry.unwrap().path();
-            if path.extension().is_some_and(|ending| ending == "svg" || ending == "png") {
-                assert!(shown.contains(path.strip_prefix(root()).unwrap()), "{} is shown nowhere", path.display());
-            }
-        }
+    for picture in ["svg", "png"].into_iter().flat_map(|ending| files(&root().join("docs"), ending)) {
+        assert!(shown.contains(picture.strip_prefix(root()).unwrap()), "{} is shown nowhere", picture.display());
     }
 }
 
@@ -232,7 +218,7 @@ fn every_benchmark_row_that_a_module_names_is_counted() {
     let counted: BTreeSet<&str> = bench.split_whitespace().collect();
     let mut checked = 0;
     for folder in ["core/src", "papers/src", "pad/src"] {
-        for file in sources(&root().join(folder)) {
+        for file in files(&root().join(folder), "rs") {
             let text = std::fs::read_to_string(&file).unwrap();
             // A comment that is long goes on in the next line.
             let text: String = text.lines().filter_map(|line| line.strip_prefix("//!")).collect();
@@ -257,13 +243,6 @@ fn every_benchmark_row_that_a_module_names_is_counted() {
     for number in numbers {
         assert!(counted.contains(number.as_str()), "docs/results/bench.md has no {number}");
     }
-}
-
-/// The source files in a folder.
-fn sources(folder: &Path) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-    let found = entries.flat_map(|path| if path.is_dir() { sources(&path) } else { vec![path] });
-    found.filter(|path| path.extension().is_some_and(|ending| ending == "rs")).collect()
 }
 
 /// Every parameter and telemetry value that any page names exists, and every telemetry value is on the page that lists them.
@@ -309,8 +288,8 @@ fn every_command_that_the_manual_shows_is_one_that_the_program_takes() {
             // What stands before --help is read, and refused where it must be, before help is printed.
             let words: Vec<&str> = command.iter().map(String::as_str).chain(["--help"]).collect();
             let output = run(&words);
-            let errors = String::from_utf8_lossy(&output.stderr);
-            assert_eq!(output.status.code(), Some(0), "{}: foxhound {}\n{errors}", page.display(), command.join(" "));
+            let (page, errors) = (page.display(), errors(&output));
+            assert_eq!(output.status.code(), Some(0), "{page}: foxhound {}\n{errors}", command.join(" "));
             assert!(String::from_utf8_lossy(&output.stdout).contains("Usage: foxhound"), "{command:?}");
             checked += 1;
         }
@@ -345,11 +324,9 @@ fn the_first_command_prints_and_draws_what_the_readme_shows() {
 }
 
 /// What stands in the fenced blocks of a language.
-fn blocks(text: &str, language: &str) -> Vec<String> {
-    text.split(&format!("```{language}\n"))
-        .skip(1)
-        .map(|rest| rest.split("```").next().unwrap_or_default().to_owned())
-        .collect()
+fn blocks<'a>(page: &'a str, language: &str) -> Vec<&'a str> {
+    let fence = format!("```{language}\n");
+    page.split(&fence).skip(1).map(|rest| rest.split("```").next().unwrap_or_default()).collect()
 }
 
 /// The scenarios of the manual are flown to their beacons.
@@ -359,11 +336,11 @@ fn the_scenarios_of_the_manual_are_flown_to_their_beacons() {
     let (scenarios, tracks) = (blocks(&manual, "json"), blocks(&manual, "csv"));
     assert_eq!((scenarios.len(), tracks.len()), (2, 1));
     let dir = tempfile::tempdir().unwrap();
-    std::fs::write(dir.path().join("station.csv"), &tracks[0]).unwrap();
+    std::fs::write(dir.path().join("station.csv"), tracks[0]).unwrap();
     for scenario in scenarios {
         let file = dir.path().join("world.json");
-        std::fs::write(&file, &scenario).unwrap();
-        let (code, flight) = run_json(&["fly", "--json", "--scenario", &file.to_string_lossy()]);
+        std::fs::write(&file, scenario).unwrap();
+        let (code, flight) = run_json(&["fly", "--json", "--scenario", &text(&file)]);
         assert_eq!((code, flight["result"].as_str()), (0, Some("reached")), "{flight}");
     }
 }

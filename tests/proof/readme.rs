@@ -6,7 +6,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use foxhound_tests::root;
+use foxhound_tests::{files, root};
 
 /// What stands above it in the page is written by hand.
 const BEGIN: &str = "<!-- From here on the page is written by `tests/proof/readme.rs`. -->\n";
@@ -51,7 +51,7 @@ fn tests(source: &str) -> Vec<Test> {
 }
 
 /// The files of a program, itself first, in the order in which they declare one another.
-fn files(file: &Path) -> Vec<PathBuf> {
+fn modules(file: &Path) -> Vec<PathBuf> {
     let source = std::fs::read_to_string(file).unwrap();
     let declares_beside = file.ends_with("main.rs") || file.ends_with("mod.rs");
     let folder = if declares_beside { file.parent().unwrap().to_path_buf() } else { file.with_extension("") };
@@ -61,26 +61,19 @@ fn files(file: &Path) -> Vec<PathBuf> {
         let name = line.trim_start_matches("pub ").strip_prefix("mod ").and_then(|rest| rest.strip_suffix(';'));
         if let Some(name) = name {
             let beside = folder.join(format!("{name}.rs"));
-            found.extend(files(&if beside.exists() { beside } else { folder.join(name).join("mod.rs") }));
+            found.extend(modules(&if beside.exists() { beside } else { folder.join(name).join("mod.rs") }));
         }
     }
     found
 }
 
-/// All source files in a folder.
-fn sources(folder: &Path) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-    let found = entries.flat_map(|path| if path.is_dir() { sources(&path) } else { vec![path] });
-    found.filter(|path| path.extension().is_some_and(|ending| ending == "rs")).collect()
-}
-
 /// The list of a program's tests, under their files; and how many they are.
 fn list(program: &str, without_claim: &mut Vec<String>) -> (String, String, usize) {
     let folder = root().join("tests").join(program);
-    let files = files(&folder.join("main.rs"));
-    assert_eq!(files.len(), sources(&folder).len(), "a file in {} is in no program", folder.display());
+    let modules = modules(&folder.join("main.rs"));
+    assert_eq!(modules.len(), files(&folder, "rs").len(), "a file in {} is in no program", folder.display());
     let (mut text, mut count, mut says) = (String::new(), 0, String::new());
-    for file in files {
+    for file in modules {
         let source = std::fs::read_to_string(&file).unwrap();
         let what = first_sentence(&source.lines().collect::<Vec<_>>(), "//!");
         if file.ends_with("main.rs") {

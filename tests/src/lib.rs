@@ -1,123 +1,191 @@
 //! How the system tests reach the product: through its command line, as a user does.
 
-use std::io::{BufRead as _, BufReader, Lines};
+#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
+
+use std::ffi::OsStr;
+use std::io::{BufRead as _, BufReader, Lines, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Output, Stdio};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{OnceLock, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
 use serde_json::Value;
 
 pub mod recording;
+pub mod station;
 
 /// The root of the repository.
 #[must_use]
 pub fn root() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap_or(Path::new("."))
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap()
+}
+
+/// The files in a folder, and in those inside it, whose names end in `ending`; in order.
+#[must_use]
+pub fn files(folder: &Path, ending: &str) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let found = entries.flat_map(|path| if path.is_dir() { files(&path, ending) } else { vec![path] });
+    let mut found: Vec<PathBuf> = found.filter(|path| path.extension().is_some_and(|of| of == ending)).collect();
+    found.sort();
+    found
+}
+
+/// A path as an argument.
+#[must_use]
+pub fn text(path: &Path) -> String {
+    path.to_str().unwrap().to_owned()
 }
 
 /// A command that runs the release build of `foxhound`, built once.
-///
-/// # Panics
-/// When the binary does not build.
 #[must_use]
 pub fn foxhound() -> Command {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
     let path = BINARY.get_or_init(|| {
         // No package is named: with the features of all of them it is what `cargo run --release` builds.
         let build = escargot::CargoBuild::new().manifest_path(root().join("Cargo.toml")).bin("foxhound").release();
-        match build.run() {
-            Ok(run) => run.path().to_path_buf(),
-            Err(error) => fail(&format!("foxhound does not build: {error}")),
-        }
+        build.run().unwrap().path().to_path_buf()
     });
     Command::new(path)
 }
 
 /// Runs `foxhound` with arguments.
-///
-/// # Panics
-/// When it cannot be started.
 #[must_use]
 pub fn run(arguments: &[&str]) -> Output {
-    match foxhound().args(arguments).output() {
-        Ok(output) => output,
-        Err(error) => fail(&format!("foxhound does not start: {error}")),
-    }
+    foxhound().args(arguments).output().unwrap()
 }
 
-/// Runs `foxhound` and reads its standard output as one JSON object.
-///
-/// # Panics
-/// When there is anything else on it.
+/// Runs `foxhound` and reads its standard output as one JSON object; there must be nothing else on it.
 #[must_use]
 pub fn run_json(arguments: &[&str]) -> (i32, Value) {
     let output = run(arguments);
-    let text = String::from_utf8_lossy(&output.stdout);
-    match serde_json::from_str(&text) {
-        Ok(value) => (output.status.code().unwrap_or(-1), value),
-        Err(error) => {
-            let errors = String::from_utf8_lossy(&output.stderr);
-            fail(&format!("{arguments:?}: {error}\nstdout: {text}\nstderr: {errors}"))
-        }
+    let value = serde_json::from_slice(&output.stdout);
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(value.is_ok(), "{arguments:?}: {value:?}\nstdout: {said}\nstderr: {}", errors(&output));
+    (output.status.code().unwrap_or(-1), value.unwrap())
+}
+
+/// Runs `foxhound`, which must end well, and reads its standard output as JSON, an object a line.
+#[must_use]
+pub fn run_json_lines(arguments: &[&str]) -> Vec<Value> {
+    let output = run(arguments);
+    assert!(output.status.success(), "{arguments:?}: {}", errors(&output));
+    json_lines(&output)
+}
+
+/// Standard output as JSON, an object a line.
+#[must_use]
+pub fn json_lines(output: &Output) -> Vec<Value> {
+    let printed = std::str::from_utf8(&output.stdout).unwrap();
+    printed.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+/// What a program said on its standard error.
+#[must_use]
+pub fn errors(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Runs `foxhound`, which must refuse these arguments: status 2, and nothing on standard output. What it says.
+#[must_use]
+pub fn refused(arguments: &[&str]) -> String {
+    let output = run(arguments);
+    let said = errors(&output);
+    assert_eq!((output.status.code(), output.stdout.len()), (Some(2), 0), "{arguments:?}: {said}");
+    assert!(!said.contains("panicked"), "{arguments:?}: {said}");
+    said
+}
+
+/// Runs `foxhound` with each of these arguments, which it must refuse in these words.
+pub fn assert_refused<'a>(before: &[&'a str], cases: &[(impl AsRef<[&'a str]>, impl AsRef<[&'a str]>)]) {
+    for (arguments, words) in cases {
+        let words = words.as_ref();
+        let said = refused(&[before, arguments.as_ref()].concat());
+        assert!(words.iter().all(|word| said.contains(word)), "{:?}: {words:?} in {said}", arguments.as_ref());
     }
 }
 
-/// The firmware image for QEMU, which `cargo xtask test` builds and names.
-///
-/// # Panics
-/// When it is not named.
+/// What an environment variable names, which `cargo xtask test` makes.
+fn made(variable: &str) -> String {
+    let value = std::env::var(variable);
+    assert!(value.is_ok(), "{variable} is not set: `cargo xtask test` makes what it names, and runs this test");
+    value.unwrap()
+}
+
+/// The firmware image for QEMU.
 #[must_use]
 pub fn qemu_image() -> String {
-    match std::env::var("FOXHOUND_QEMU_ELF") {
-        Ok(path) => path,
-        Err(_) => fail("FOXHOUND_QEMU_ELF names no image; `cargo xtask test` builds one and runs this test"),
-    }
+    made("FOXHOUND_QEMU_ELF")
 }
 
-/// The image for the NUCLEO-G474RE, which `cargo xtask test` builds and names.
-///
-/// # Panics
-/// When it is not named.
+/// The image for the NUCLEO-G474RE.
 #[must_use]
 pub fn g474_image() -> String {
-    match std::env::var("FOXHOUND_G474_ELF") {
-        Ok(path) => path,
-        Err(_) => fail("FOXHOUND_G474_ELF names no image; `cargo xtask test` builds one and runs this test"),
-    }
+    made("FOXHOUND_G474_ELF")
 }
 
-/// The image for it that reads IQ reports, which `cargo xtask test` builds and names.
-///
-/// # Panics
-/// When it is not named.
+/// The image for it that reads IQ reports.
 #[must_use]
 pub fn g474_iq_image() -> String {
-    match std::env::var("FOXHOUND_G474_IQ_ELF") {
-        Ok(path) => path,
-        Err(_) => fail("FOXHOUND_G474_IQ_ELF names no image; `cargo xtask test` builds one and runs this test"),
-    }
+    made("FOXHOUND_G474_IQ_ELF")
 }
 
-/// A Python with pymavlink, which `cargo xtask test` installs and names.
-///
-/// # Panics
-/// When it is not named.
+/// A Python with pymavlink and what else the tests need.
 #[must_use]
 pub fn python() -> Command {
-    match std::env::var("FOXHOUND_PYTHON") {
-        Ok(path) => Command::new(path),
-        Err(_) => fail("FOXHOUND_PYTHON names no Python; `cargo xtask test` makes one and runs this test"),
-    }
+    Command::new(made("FOXHOUND_PYTHON"))
 }
 
-/// The tests of a program run beside one another. Those that measure time, or start many processes, must not disturb one
-/// another: they hold this, shared or alone.
-static MACHINE: RwLock<()> = RwLock::new(());
+/// A Python program of `tests/peers`.
+#[must_use]
+pub fn peer(script: &str) -> Command {
+    let mut command = python();
+    command.arg(root().join("tests/peers").join(script));
+    command
+}
 
-/// Held by a test that may run beside others that share the machine, but not beside one that takes it.
-pub fn share_machine() -> RwLockReadGuard<'static, ()> {
-    // A test that failed while it held the lock has left nothing undone.
-    MACHINE.read().unwrap_or_else(PoisonError::into_inner)
+/// What a program of `tests/peers`, which must end well, makes of its input.
+#[must_use]
+pub fn piped_through(script: &str, arguments: &[impl AsRef<OsStr>], input: Vec<u8>) -> Vec<u8> {
+    let mut command = peer(script);
+    command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().unwrap();
+    let mut to_child = child.stdin.take().unwrap();
+    let writer = std::thread::spawn(move || to_child.write_all(&input));
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{script}: {said}\n{}", errors(&output));
+    writer.join().unwrap().unwrap();
+    output.stdout
+}
+
+/// What a program of `tests/peers`, which must end well, says.
+#[must_use]
+pub fn peer_says(script: &str, arguments: &[impl AsRef<OsStr>]) -> String {
+    String::from_utf8(piped_through(script, arguments, Vec::new())).unwrap()
+}
+
+/// Has a program of `tests/peers` check something, to the end; what it says.
+pub fn checked_by(script: &str, arguments: &[impl AsRef<OsStr>]) -> String {
+    let said = peer_says(script, arguments);
+    assert!(said.contains("all checks passed"), "{script}: {said}");
+    said
+}
+
+/// What a function makes of each item, on all cores; in the order of the items.
+pub fn in_parallel<T: Sync, R: Send>(items: &[T], make: impl Fn(&T) -> R + Sync) -> Vec<R> {
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let at = || next.fetch_add(1, Ordering::Relaxed);
+        let items = std::iter::repeat_with(at).map_while(|at| Some((at, items.get(at)?)));
+        items.map(|(at, item)| (at, make(item))).collect::<Vec<_>>()
+    };
+    let cores = std::thread::available_parallelism().map_or(2, usize::from);
+    let mut made: Vec<(usize, R)> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(work)).collect();
+        workers.into_iter().flat_map(|worker| worker.join().unwrap()).collect()
+    });
+    made.sort_by_key(|(at, _)| *at);
+    made.into_iter().map(|(_, made)| made).collect()
 }
 
 /// A NumPy file: its type, its shape as Python writes it, and its values as bytes.
@@ -135,9 +203,31 @@ pub fn npy(dtype: &str, shape: &str, values: &[u8]) -> Vec<u8> {
     file
 }
 
+/// A NumPy file of frames: codes of four channels, `n` samples each.
+#[must_use]
+pub fn npy_frames(codes: &[i16], n: usize) -> Vec<u8> {
+    let values: Vec<u8> = codes.iter().flat_map(|code| code.to_le_bytes()).collect();
+    npy("<i2", &format!("({}, 4, {n})", codes.len() / (4 * n)), &values)
+}
+
+/// The tests of a program run beside one another. Those that measure time, or start many processes, must not disturb one
+/// another: they hold this, shared or alone.
+static MACHINE: RwLock<()> = RwLock::new(());
+
+/// Held by a test that may run beside others that share the machine, but not beside one that takes it.
+pub fn share_machine() -> RwLockReadGuard<'static, ()> {
+    // A test that failed while it held the lock has left nothing undone.
+    MACHINE.read().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// Held by a test beside which no other may run that shares the machine or takes it.
 pub fn take_machine() -> RwLockWriteGuard<'static, ()> {
     MACHINE.write().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Sends a process a signal, as `kill` names them: `-INT`.
+pub fn signal(process: u32, name: &str) {
+    assert!(Command::new("kill").args([name, &process.to_string()]).status().unwrap().success(), "kill {name}");
 }
 
 /// A program beside the test, which ends with it, however that ends.
@@ -146,27 +236,15 @@ pub struct Program(Child);
 
 impl Program {
     /// Starts it with its input and output in our hands. What it says to people is dropped.
-    ///
-    /// # Panics
-    /// When it does not start.
     #[must_use]
     pub fn start(command: &mut Command) -> Self {
-        match command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn() {
-            Ok(child) => Self(child),
-            Err(error) => fail(&format!("{command:?}: {error}")),
-        }
+        Self(command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap())
     }
 
     /// What it says, line for line; once.
-    ///
-    /// # Panics
-    /// When somebody has it already.
     #[must_use]
     pub fn lines(&mut self) -> Lines<BufReader<ChildStdout>> {
-        match self.0.stdout.take() {
-            Some(output) => BufReader::new(output).lines(),
-            None => fail("the output is taken"),
-        }
+        BufReader::new(self.0.stdout.take().unwrap()).lines()
     }
 
     /// Ends its input.
@@ -174,26 +252,14 @@ impl Program {
         drop(self.0.stdin.take());
     }
 
-    /// Sends it a signal, as `kill` names them: `-INT`.
-    ///
-    /// # Panics
-    /// When it is gone.
+    /// Sends it a signal.
     pub fn signal(&self, name: &str) {
-        match Command::new("kill").args([name, &self.0.id().to_string()]).status() {
-            Ok(status) if status.success() => {}
-            other => fail(&format!("kill {name}: {other:?}")),
-        }
+        signal(self.0.id(), name);
     }
 
     /// Waits for its end; its exit code, or -1 where a signal ended it.
-    ///
-    /// # Panics
-    /// When the system does not say.
     pub fn wait(&mut self) -> i32 {
-        match self.0.wait() {
-            Ok(status) => status.code().unwrap_or(-1),
-            Err(error) => fail(&format!("{error}")),
-        }
+        self.0.wait().unwrap().code().unwrap_or(-1)
     }
 }
 
@@ -205,7 +271,36 @@ impl Drop for Program {
     }
 }
 
-#[expect(clippy::panic, reason = "a test that cannot run has failed")]
-fn fail(text: &str) -> ! {
-    panic!("{text}")
+/// `foxhound autopilot`, at a TCP port of the system's choice.
+#[derive(Debug)]
+pub struct Autopilot {
+    program: Program,
+    lines: Lines<BufReader<ChildStdout>>,
+    /// For `--autopilot`.
+    pub address: String,
+}
+
+impl Autopilot {
+    /// Starts it, with more options.
+    #[must_use]
+    pub fn start(more: &[&str]) -> Self {
+        let listen = ["autopilot", "--json", "--listen", "tcp:127.0.0.1:0"];
+        let mut program = Program::start(foxhound().args(listen).args(more));
+        let mut autopilot = Self { lines: program.lines(), program, address: String::new() };
+        autopilot.address = autopilot.says()["autopilot"].as_str().unwrap().to_owned();
+        autopilot
+    }
+
+    fn says(&mut self) -> Value {
+        serde_json::from_str(&self.lines.next().unwrap().unwrap()).unwrap()
+    }
+
+    /// Ends it by Ctrl-C; what it says of its flight.
+    #[must_use]
+    pub fn end(mut self) -> Value {
+        self.program.signal("-INT");
+        let last = self.says();
+        assert!(self.program.wait() == 0 && self.lines.next().is_none());
+        last
+    }
 }

@@ -5,8 +5,9 @@
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::io::Read as _;
+use std::path::Path;
 
-use crate::root;
+use crate::{npy, root};
 
 /// One place of the recording.
 #[derive(Clone, Debug, Default)]
@@ -22,7 +23,20 @@ pub struct Place {
 }
 
 /// Slots of a packet, and samples of a slot.
-pub const SLOTS: [usize; 2] = [37, 3];
+const SLOTS: [usize; 2] = [37, 3];
+
+impl Place {
+    /// Writes the packets into a folder, and who sent each: `f.npy`, `e.npy`.
+    pub fn write(&self, folder: &Path) {
+        let ([slots, samples], packets) = (SLOTS, self.beacons.len());
+        let parts = self.values.iter().flatten().map(|part| *part as f32);
+        let values: Vec<u8> = parts.flat_map(f32::to_le_bytes).collect();
+        let beacons: Vec<u8> = self.beacons.iter().flat_map(|beacon| beacon.to_le_bytes()).collect();
+        let shape = format!("({packets}, {slots}, {samples})");
+        std::fs::write(folder.join("f.npy"), npy("<c8", &shape, &values)).unwrap();
+        std::fs::write(folder.join("e.npy"), npy("<i4", &format!("({packets},)"), &beacons)).unwrap();
+    }
+}
 
 /// The description of the array of eight.
 #[must_use]
@@ -37,9 +51,6 @@ pub fn array() -> String {
 }
 
 /// The recorded places, if they lie beside the repository.
-///
-/// # Panics
-/// When the recording is damaged.
 #[must_use]
 pub fn places() -> Option<BTreeMap<String, Place>> {
     let packed = std::fs::File::open(root().join("../shared/data/radio/ble-cte-dev.tgz")).ok()?;

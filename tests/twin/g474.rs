@@ -12,10 +12,8 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::guidance::{FrontEnd, param};
 use foxhound_core::planning::planner;
-use foxhound_link::CharArray;
-use foxhound_link::MessageData;
-use foxhound_link::dialect::{ATTITUDE_DATA, COMMAND_LONG_DATA, MavMessage, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA};
-use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
+use foxhound_link::dialect::{ATTITUDE_DATA, MavMessage};
+use foxhound_link::framer::{Framer, Header};
 use foxhound_sim::autopilot::{Autopilot, Start};
 use foxhound_sim::drive::computer::{BLOCK, Computer, ComputerError, HostComputer, StepReport};
 use foxhound_sim::drive::flight::{self, Ending, Mission};
@@ -26,13 +24,10 @@ use foxhound_sim::world::Pose;
 use foxhound_sim::world::antennas::Antennas;
 use foxhound_sim::world::random::Random;
 use foxhound_sim::world::vehicle::Motion;
-use foxhound_tests::{g474_image, g474_iq_image, python, qemu_image, root, run};
+use foxhound_tests::{assert_refused, g474_image, g474_iq_image, python, qemu_image, root, station};
 use serde_json::{Value, json};
 use stm32_metapac::metadata::METADATA;
 use stm32_metapac::metadata::ir::{Array, BitOffset, BlockItemInner, IR};
-
-const COMPANION: u8 = 191;
-const STATION: Header = Header { system_id: 255, component_id: 190, sequence: 0 };
 
 /// A board, an autopilot that hovers, and what the board says.
 struct Bench {
@@ -87,17 +82,12 @@ impl Bench {
     }
 
     fn listen(&mut self, report: Report) {
-        let mut bytes = &report.tx[..];
-        while !bytes.is_empty() {
-            let taken = self.framer.push(bytes);
-            bytes = &bytes[taken..];
-            while let Some(frame) = self.framer.next_frame() {
-                match frame.message() {
-                    Some(MavMessage::STATUSTEXT(text)) => self.texts.push(text.text.to_str().unwrap().to_owned()),
-                    Some(MavMessage::HEARTBEAT(_)) => self.heartbeats_s.push(report.now_us * 1e-6),
-                    Some(MavMessage::PARAM_VALUE(value)) => self.parameters.push(value.param_value),
-                    _ => {}
-                }
+        for (_, message) in station::messages(&mut self.framer, &report.tx) {
+            match message {
+                MavMessage::STATUSTEXT(text) => self.texts.push(station::words(&text)),
+                MavMessage::HEARTBEAT(_) => self.heartbeats_s.push(report.now_us * 1e-6),
+                MavMessage::PARAM_VALUE(value) => self.parameters.push(value.param_value),
+                _ => {}
             }
         }
         self.resets.extend_from_slice(&report.resets);
@@ -126,37 +116,17 @@ impl Bench {
     }
 
     fn set_speed(&mut self, value: f32) {
-        let set = PARAM_SET_DATA {
-            target_system: 1,
-            target_component: COMPANION,
-            param_id: CharArray::new(*param::FH_SPD_MAX.padded_name()),
-            param_type: 9,
-            param_value: value,
-        };
-        self.step(&frame(&set));
+        self.step(&station::set(param::FH_SPD_MAX, value));
     }
 
     fn save(&mut self) {
-        let save = COMMAND_LONG_DATA {
-            target_system: 1,
-            target_component: COMPANION,
-            command: 245,
-            param1: 1.0,
-            ..COMMAND_LONG_DATA::DEFAULT
-        };
-        self.step(&frame(&save));
+        self.step(&station::save());
     }
 
     fn speed(&mut self) -> f32 {
-        let read = PARAM_REQUEST_READ_DATA {
-            target_system: 1,
-            target_component: COMPANION,
-            param_id: CharArray::new(*param::FH_SPD_MAX.padded_name()),
-            param_index: -1,
-        };
         self.parameters.clear();
         for _ in 0..50 {
-            self.step(&frame(&read));
+            self.step(&station::read(param::FH_SPD_MAX));
             if let Some(value) = self.parameters.last() {
                 return *value;
             }
@@ -165,10 +135,11 @@ impl Bench {
     }
 }
 
-fn frame<D: MessageData>(message: &D) -> Vec<u8> {
-    let mut bytes = [0; FRAME_MAX];
-    let length = encode_data(STATION, message, &mut bytes);
-    bytes[..length].to_vec()
+/// The mission of a file of `tests`.
+fn mission(file: &str) -> Mission {
+    let text = std::fs::read_to_string(root().join("tests").join(file)).unwrap();
+    let scenario = Scenario::parse(&text).unwrap();
+    Mission { scenario, seed: 3, planner: planner::Config::default(), estimator: Estimator::default() }
 }
 
 /// The image for the NUCLEO-G474RE boots and runs for a minute without a restart.
@@ -202,9 +173,7 @@ fn it_flies_to_the_beacon_with_the_hash_of_the_desktop_and_of_qemu() {
 #[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
 fn it_flies_by_a_lidar_and_by_a_radio_on_the_sensors_line() {
     for name in ["scenarios/lidar.json", "computer/uudf.json"] {
-        let text = std::fs::read_to_string(root().join("tests").join(name)).unwrap();
-        let (planner, estimator) = (planner::Config::default(), Estimator::default());
-        let mut mission = Mission { scenario: Scenario::parse(&text).unwrap(), seed: 3, planner, estimator };
+        let mut mission = mission(name);
         let config = mission.guidance();
         let needs = Needs::of(&mut mission, &config).unwrap();
         let mut computer = G474Computer::start(Path::new(&g474_image()), Options::default(), &needs).unwrap();
@@ -222,9 +191,7 @@ fn it_flies_by_a_lidar_and_by_a_radio_on_the_sensors_line() {
 #[test]
 #[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
 fn an_image_that_reads_iq_reports_flies_by_them() {
-    let text = std::fs::read_to_string(root().join("tests/computer/hci.json")).unwrap();
-    let (planner, estimator) = (planner::Config::default(), Estimator::default());
-    let mut mission = Mission { scenario: Scenario::parse(&text).unwrap(), seed: 3, planner, estimator };
+    let mut mission = mission("computer/hci.json");
     let config = mission.guidance();
     let needs = Needs::of(&mut mission, &config).unwrap();
     let mut computer = G474Computer::start(Path::new(&g474_iq_image()), Options::default(), &needs).unwrap();
@@ -273,16 +240,11 @@ impl Computer for Flooded {
         }
         self.step += 1;
         let report = self.board.step(&line, &[], &[], Some(snapshot)).unwrap();
-        let mut bytes = &report.tx[..];
-        while !bytes.is_empty() {
-            let taken = self.framer.push(bytes);
-            bytes = &bytes[taken..];
-            while let Some(frame) = self.framer.next_frame() {
-                match frame.message() {
-                    Some(MavMessage::HEARTBEAT(_)) => self.heartbeats_s.push(report.now_us * 1e-6),
-                    Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(_)) => self.setpoints_s.push(report.now_us * 1e-6),
-                    _ => {}
-                }
+        for (_, message) in station::messages(&mut self.framer, &report.tx) {
+            match message {
+                MavMessage::HEARTBEAT(_) => self.heartbeats_s.push(report.now_us * 1e-6),
+                MavMessage::SET_POSITION_TARGET_LOCAL_NED(_) => self.setpoints_s.push(report.now_us * 1e-6),
+                _ => {}
             }
         }
         self.resets.extend_from_slice(&report.resets);
@@ -316,15 +278,13 @@ fn a_line_that_is_full_of_telemetry_noise_and_breaks_starves_nothing() {
     let mission = Mission { scenario, seed: 2, planner: Default::default(), estimator: Default::default() };
     let (board, report) = Board::start(Path::new(&g474_image()), Options { seed: 2, ..Options::default() }).unwrap();
     // From a component that is not the autopilot: parsed, and of no use.
-    let mut attitude = [0; FRAME_MAX];
     let header = Header { system_id: 1, component_id: 100, sequence: 0 };
-    let length = encode_data(header, &ATTITUDE_DATA::DEFAULT, &mut attitude);
     let mut flooded = Flooded {
         board,
         report,
         beside: HostComputer::new(&mission.guidance()).unwrap(),
         framer: Framer::new(),
-        attitude: attitude[..length].to_vec(),
+        attitude: station::frame(header, &ATTITUDE_DATA::DEFAULT),
         step: 0,
         heartbeats_s: Vec::new(),
         setpoints_s: Vec::new(),
@@ -454,20 +414,13 @@ fn memory_that_starts_as_noise_starts_no_other_way() {
 #[test]
 #[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
 fn an_image_of_another_board_is_refused_and_so_is_what_cannot_be_flown() {
-    let elf = g474_image();
-    let other = format!("g474:{}", qemu_image());
-    let via = format!("g474:{elf}");
-    let paper = ["fly", "--json", "--planner", "paper", "--via", &via];
-    for (arguments, words) in [
-        (&["fly", "--json", "--via", &other][..], "it is for the board mps2_an386"),
-        (&["fly", "--json", "--via", "g474:Cargo.toml"], "it is not an ELF file"),
-        (&paper, "--planner: no parameter of the image sets this"),
-    ] {
-        let output = run(arguments);
-        let errors = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{errors}");
-        assert!(errors.contains(words), "{errors}");
-    }
+    let [via, other] = [g474_image(), qemu_image()].map(|image| format!("g474:{image}"));
+    let cases = [
+        (&["--via", &other][..], ["it is for the board mps2_an386"]),
+        (&["--via", "g474:Cargo.toml"], ["it is not an ELF file"]),
+        (&["--planner", "paper", "--via", &via], ["--planner: no parameter of the image sets this"]),
+    ];
+    assert_refused(&["fly", "--json"], &cases);
     let error = Board::start(Path::new("/nonexistent"), Options::default()).unwrap_err();
     assert!(matches!(error, G474Error::Image(_)), "{error}");
 }

@@ -52,8 +52,7 @@ fn qemu_never_outlives_its_parent_and_leaves_no_folder() {
         let pid = child.id();
         until("QEMU does not start", || qemus(pid).len() == 1);
         until("the folder stays", || folders(pid).is_empty());
-        let killed = Command::new("kill").args([signal, &pid.to_string()]).status().unwrap();
-        assert!(killed.success());
+        foxhound_tests::signal(pid, signal);
         child.wait().unwrap();
         until(&format!("QEMU runs on after {signal}"), || qemus(pid).is_empty());
         assert_eq!(folders(pid), Vec::<String>::new(), "{signal}");

@@ -21,7 +21,7 @@ use foxhound_sim::tools::frames::Recording;
 use foxhound_sim::world::Pose;
 use foxhound_sim::world::antennas::Antennas;
 use foxhound_sim::world::random::Random;
-use foxhound_tests::{foxhound, qemu_image, run, run_json};
+use foxhound_tests::{foxhound, qemu_image, run, run_json, run_json_lines, station};
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -30,7 +30,7 @@ struct Alone {
     qemu: Child,
     line: TcpStream,
     terminal: String,
-    _folder: tempfile::TempDir,
+    folder: tempfile::TempDir,
 }
 
 impl Alone {
@@ -54,7 +54,7 @@ impl Alone {
             let said = std::fs::read_to_string(&words).unwrap();
             said.split_whitespace().find(|word| word.starts_with("/dev/pts/")).map(str::to_owned)
         });
-        Self { qemu, line, terminal: terminal.unwrap(), _folder: folder }
+        Self { qemu, line, terminal: terminal.unwrap(), folder }
     }
 }
 
@@ -64,6 +64,47 @@ impl Drop for Alone {
         let _ = self.qemu.kill();
         let _ = self.qemu.wait();
     }
+}
+
+/// The firmware in QEMU answers every command on its maintenance port.
+#[test]
+#[ignore = "needs QEMU and the image: cargo xtask test"]
+fn the_firmware_answers_at_its_maintenance_port() {
+    let alone = Alone::start();
+    let capture = alone.folder.path().join("capture.log");
+    let ask = |command: &str| {
+        let log = capture.to_string_lossy();
+        let output = run(&["port", "--serial", &alone.terminal, "--log", &log, command]);
+        (output.status.code(), String::from_utf8_lossy(&output.stdout).into_owned())
+    };
+    let (code, status) = ask("status");
+    assert_eq!(code, Some(0), "{status}");
+    for word in ["on mps2_an386", "restart: power", "late 0", "outcome not_in_control", "link: frames 0", "log: frames"]
+    {
+        assert!(status.contains(word) || word.contains("not_in_control") && status.contains("link_lost"), "{status}");
+    }
+    assert!(status.contains("clock: the simulator's") && status.contains("1.5 an instruction assumed"), "{status}");
+    assert!(status.contains(" of 4000000 us; start 1\n"), "{status}");
+    // Each task but the planner has run; the sum of its histogram is how often.
+    let lines: Vec<_> = status.lines().collect();
+    let number = |word: &str| word.parse::<u32>().unwrap();
+    for task in ["receive", "step", "transmit", "listen", "speak"] {
+        let at = lines.iter().position(|line| line.starts_with(&format!("{task}: "))).unwrap();
+        let words: Vec<_> = lines[at].split_whitespace().collect();
+        let [runs, min, mean, max] = [1, 4, 5, 6].map(|at| number(words[at]));
+        assert!(runs > 0 && min <= mean && mean <= max && max > 0, "{status}");
+        let bins = lines[at + 1..].iter().take_while(|line| line.starts_with(' ')).flat_map(|line| line.split(" <2^"));
+        let counted: u32 = bins.filter_map(|bin| bin.split_whitespace().nth(1)).map(number).sum();
+        assert_eq!(counted, runs, "{status}");
+    }
+    assert!(ask("help").1.contains("factory-reset yes"));
+    assert!(ask("fly away").1.contains("error: no such command"));
+    assert!(ask("factory-reset").1.contains("`factory-reset yes`"));
+    assert!(ask(&"status ".repeat(20)).1.contains("error: the line is too long"));
+    assert!(ask("watchdog").1.contains("`watchdog yes`"));
+    assert!(ask("restart").1.contains("restarts"));
+    let (code, status) = ask("status");
+    assert!(code == Some(0) && status.contains("restart: as asked"), "{status}");
 }
 
 /// The `bringup` command reports what works and what is missing.
@@ -140,10 +181,8 @@ fn frames_come_out_of_the_port_as_they_went_in() {
     // What `foxhound bearing` makes of them.
     let array = dir.path().join("array.toml");
     std::fs::write(&array, "wavelength_m = 0.345\nside_m = 0.138\nsample_rate_hz = 102400.0\n").unwrap();
-    let output = run(&["bearing", "--json", "--adc", &out.to_string_lossy(), "--array", &array.to_string_lossy()]);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let said = String::from_utf8_lossy(&output.stdout);
-    let last: serde_json::Value = serde_json::from_str(said.lines().last().unwrap()).unwrap();
+    let (out, array) = (out.to_string_lossy(), array.to_string_lossy());
+    let last = run_json_lines(&["bearing", "--json", "--adc", &out, "--array", &array]).pop().unwrap();
     let azimuth_deg = last["azimuth_deg"].as_f64().unwrap_or_else(|| panic!("{last}"));
     assert!((azimuth_deg - 45.0).abs() < 3.0, "{last}");
 }
@@ -171,15 +210,11 @@ fn noise_and_breaks_on_the_autopilots_line_stop_nothing() {
     while begin.elapsed() < Duration::from_secs(5) {
         let mut bytes = [0; 256];
         let count = heard.read(&mut bytes).unwrap_or(0);
-        let mut bytes = &bytes[..count];
-        while !bytes.is_empty() {
-            bytes = &bytes[framer.push(bytes)..];
-            while let Some(frame) = framer.next_frame() {
-                match frame.message() {
-                    Some(MavMessage::HEARTBEAT(_)) => beats += 1,
-                    Some(MavMessage::NAMED_VALUE_FLOAT(value)) => times_ms.push(value.time_boot_ms),
-                    _ => {}
-                }
+        for (_, message) in station::messages(&mut framer, &bytes[..count]) {
+            match message {
+                MavMessage::HEARTBEAT(_) => beats += 1,
+                MavMessage::NAMED_VALUE_FLOAT(value) => times_ms.push(value.time_boot_ms),
+                _ => {}
             }
         }
     }

@@ -5,21 +5,18 @@
 use std::path::Path;
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
-use foxhound_computer::flight::ParameterStore as _;
 use foxhound_computer::store::{Kept, PAGES, Store};
 use foxhound_computer::twin::{self, Fault, Setup};
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::param::{self, Id, Values};
 use foxhound_core::guidance::{self, FrontEnd};
-use foxhound_link::dialect::{COMMAND_LONG_DATA, HEARTBEAT_DATA, MavMessage, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA};
-use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
-use foxhound_link::{CharArray, MessageData};
+use foxhound_link::dialect::{HEARTBEAT_DATA, MavMessage};
+use foxhound_link::framer::{Framer, Header};
 use foxhound_sim::drive::qemu::{QemuComputer, QemuError};
-use foxhound_tests::qemu_image;
+use foxhound_tests::{qemu_image, station};
 
 const BYTES: usize = PAGES as usize * 2048;
 const AUTOPILOT: Header = Header { system_id: 1, component_id: 1, sequence: 0 };
-const STATION: Header = Header { system_id: 255, component_id: 190, sequence: 0 };
 
 /// A copy of the twin's flash.
 struct Flash(Vec<u8>);
@@ -80,33 +77,21 @@ impl Twin {
     fn step(&mut self, rx: &[u8]) -> Result<(), QemuError> {
         self.now = self.now.plus_micros(20_000);
         let report = self.computer.step(self.now, FrontEnd::Nothing, None, rx)?;
-        let mut tx = &report.tx[..];
-        while !tx.is_empty() {
-            tx = &tx[self.framer.push(tx)..];
-            while let Some(frame) = self.framer.next_frame() {
-                self.heard.extend(frame.message());
-            }
-        }
+        self.heard.extend(station::messages(&mut self.framer, &report.tx).into_iter().map(|(_, message)| message));
         Ok(())
     }
 
     /// Says something, and listens for two seconds beside an autopilot that stands there.
-    fn tell<D: MessageData>(&mut self, message: &D) {
-        self.step(&frame(STATION, message)).unwrap();
+    fn tell(&mut self, message: &[u8]) {
+        self.step(message).unwrap();
         for step in 0..100 {
             let beat = HEARTBEAT_DATA { mavtype: 2, autopilot: 3, mavlink_version: 3, ..Default::default() };
-            self.step(&if step % 25 == 0 { frame(AUTOPILOT, &beat) } else { Vec::new() }).unwrap();
+            self.step(&if step % 25 == 0 { station::frame(AUTOPILOT, &beat) } else { Vec::new() }).unwrap();
         }
     }
 
     fn set(&mut self, id: Id, param_value: f32) {
-        self.tell(&PARAM_SET_DATA {
-            target_system: 1,
-            target_component: 191,
-            param_id: CharArray::new(*id.padded_name()),
-            param_type: 9,
-            param_value,
-        });
+        self.tell(&station::set(id, param_value));
     }
 
     /// What the twin would find now.
@@ -132,16 +117,6 @@ fn setup() -> Setup {
     Setup { guidance: guidance::Config::default(), needs_entry: false }
 }
 
-fn frame<D: MessageData>(header: Header, message: &D) -> Vec<u8> {
-    let mut frame = [0; FRAME_MAX];
-    let length = encode_data(header, message, &mut frame);
-    frame[..length].to_vec()
-}
-
-fn storage(param1: f32) -> COMMAND_LONG_DATA {
-    COMMAND_LONG_DATA { target_system: 1, target_component: 191, command: 245, param1, ..Default::default() }
-}
-
 /// When the power is cut while the image saves parameters, the old or the new ones remain.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
@@ -149,7 +124,7 @@ fn a_power_cut_while_the_image_stores_leaves_the_old_or_the_new_parameters() {
     let mut twin = Twin::start();
     assert_eq!(twin.kept(), (1, Kept::Nothing), "a new file is a blank flash");
     twin.set(param::FH_RADIUS, 0.3);
-    twin.tell(&storage(1.0));
+    twin.tell(&station::save());
     let (_, Kept::Found(mut old)) = twin.kept() else { panic!("{:?}", twin.kept()) };
     assert_eq!(old.get(param::FH_RADIUS), 0.3);
     let (mut starts, mut olds, mut news) = (1, 0, 0);
@@ -160,7 +135,7 @@ fn a_power_cut_while_the_image_stores_leaves_the_old_or_the_new_parameters() {
         new.set(param::FH_RADIUS, radius_m).unwrap();
         // Storing takes some ten milliseconds of the twin's time.
         twin.computer.inject(Fault::PowerCut { after_us: 1 + cut * cut * 250 });
-        let mut result = twin.step(&frame(STATION, &storage(1.0)));
+        let mut result = twin.step(&station::save());
         for _ in 0..100 {
             if result.is_err() {
                 break;
@@ -181,8 +156,7 @@ fn a_power_cut_while_the_image_stores_leaves_the_old_or_the_new_parameters() {
         }
         old = kept;
         // The setup of the simulator overrules what is kept.
-        let param_id = CharArray::new(*param::FH_RADIUS.padded_name());
-        twin.tell(&PARAM_REQUEST_READ_DATA { target_system: 1, target_component: 191, param_index: -1, param_id });
+        twin.tell(&station::read(param::FH_RADIUS));
         let values: Vec<f32> = twin
             .heard
             .iter()
@@ -203,7 +177,7 @@ fn the_image_starts_with_anything_in_its_flash() {
     for fill in [0x00_u8, 0xff, 0x5a] {
         let mut twin = Twin::start();
         twin.set(param::FH_RADIUS, 0.3);
-        twin.tell(&storage(1.0));
+        twin.tell(&station::save());
         let junk: Vec<u8> = (0..BYTES).map(|at| fill ^ (at as u8).wrapping_mul(fill)).collect();
         twin.computer.write_memory(&junk, twin::STORE_AT).unwrap();
         twin.computer.inject(Fault::PowerCut { after_us: 10 });
@@ -216,16 +190,7 @@ fn the_image_starts_with_anything_in_its_flash() {
         assert_eq!(store.parameters() == Kept::Lost, wanted == Kept::Lost);
         assert_eq!(twin.kept().1, wanted, "the image sees it alike");
         twin.set(param::FH_RADIUS, 0.4);
-        twin.tell(&storage(1.0));
+        twin.tell(&station::save());
         assert!(matches!(twin.kept().1, Kept::Found(values) if values.get(param::FH_RADIUS) == 0.4));
     }
-}
-
-/// Values that are saved in a copy of the flash are found in it.
-#[test]
-fn a_copy_of_a_flash_keeps() {
-    let mut store = Store::new(Flash(vec![0xff; BYTES]));
-    store.begin();
-    assert!(store.save(&Values::DEFAULT));
-    assert!(matches!(store.parameters(), Kept::Found(_)));
 }

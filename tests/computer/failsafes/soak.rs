@@ -13,11 +13,7 @@ const U32_MS_US: u64 = (1 << 32) * 1_000;
 
 fn kept(software: Software, hours: f64, clocks: Clocks, seed: u64) -> Report {
     let config = Config { software, hours, step_us: 25_000, clocks, seed };
-    let report = keep_link(&config, |_| ()).unwrap();
-    if std::env::var_os("FOXHOUND_SHOW").is_some() {
-        eprintln!("{software:?} {clocks:?} {report:#?}");
-    }
-    report
+    keep_link(&config, |_| ()).unwrap()
 }
 
 fn assert_sound(report: &Report, why: &str) {
@@ -79,9 +75,6 @@ fn the_whole_computer_flies_to_and_fro_for_half_an_hour_and_touches_nothing() {
             scope.spawn(move || {
                 let config = Config { software, hours: 0.5, step_us: 20_000, clocks: Clocks::default(), seed: 1 };
                 let laps: Laps = fly_laps(&scenario(), &config, |_| ()).unwrap();
-                if std::env::var_os("FOXHOUND_SHOW").is_some() {
-                    eprintln!("{software:?} {laps:?}");
-                }
                 assert!(!laps.collided && laps.min_clearance_m > 0.0, "{laps:?}");
                 assert!(laps.laps > 20 && laps.missed * 10 <= laps.laps, "{laps:?}");
                 assert_eq!(laps.setpoints_off_grid, 0, "{laps:?}");

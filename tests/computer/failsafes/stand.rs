@@ -144,9 +144,6 @@ impl Stand {
         let last_fast = steps.iter().rposition(|step| step.speed_mps() >= STANDS_MPS);
         let stood_s = last_fast.map_or(0.0, |index| (index + 1) as f64 * 0.02);
         let moved_m = steps.iter().map(|step| step.place().minus(begin).norm()).fold(0.0, f64::max);
-        if std::env::var_os("FOXHOUND_SHOW").is_some() {
-            eprintln!("{why:32} {:?}: stands after {stood_s:.2} s, {moved_m:.2} m", self.software);
-        }
         assert!(stood_s <= within_s, "{why}, {:?}: stands after {stood_s} s only", self.software);
         assert!(moved_m <= way_m, "{why}, {:?}: moves {moved_m} m", self.software);
     }
@@ -187,17 +184,8 @@ impl Stand {
 
     /// It flies to the beacon.
     pub(crate) fn expect_beacon(&mut self, why: &str) {
-        let begin_s = self.trial.time_us() as f64 * 1e-6;
         for _ in 0..60 * 50 {
             if self.trial.to_source_m() < THERE_M {
-                if std::env::var_os("FOXHOUND_SHOW").is_some() {
-                    let took_s = self.trial.time_us() as f64 * 1e-6 - begin_s;
-                    let clear_m = self.trial.min_clearance_m();
-                    eprintln!(
-                        "{why:32} {:?}: at the beacon after {took_s:.1} s more, {clear_m:.2} m clear",
-                        self.software
-                    );
-                }
                 return;
             }
             self.step();
