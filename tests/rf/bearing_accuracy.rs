@@ -3,34 +3,18 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use std::f64::consts::PI;
-use std::path::Path;
 
-use foxhound_tests::run;
-use npyz::WriterBuilder as _;
-use rand_core::{Rng as _, SeedableRng as _};
-use rand_xoshiro::Xoshiro256PlusPlus;
+use foxhound_tests::npy_frames;
 use serde_json::Value;
 
-const N: usize = 256;
-const FS: f64 = 102_400.0;
-const WAVELENGTH: f64 = 0.345;
-const SIDE: f64 = 0.40 * WAVELENGTH;
+use crate::other_radios::Files;
+use crate::waves::{N, Random, SAMPLE_RATE_HZ as FS, SIDE_WAVELENGTHS, WAVELENGTH_M as WAVELENGTH, rms};
 
-struct Normal(Xoshiro256PlusPlus);
-
-impl Normal {
-    fn uniform(&mut self) -> f64 {
-        ((self.0.next_u64() >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    }
-
-    fn draw(&mut self) -> f64 {
-        (-2.0 * self.uniform().ln()).sqrt() * (2.0 * PI * self.uniform()).cos()
-    }
-}
+const SIDE: f64 = SIDE_WAVELENGTHS * WAVELENGTH;
 
 /// Frames of a source on a circle of 5 m at our height, one a degree; `snr_db` per sample, or none.
 fn circle(tone_hz: f64, snr_db: Option<f64>, seed: u64) -> Vec<i16> {
-    let mut normal = Normal(Xoshiro256PlusPlus::seed_from_u64(seed));
+    let mut random = Random::new(seed);
     let k = 2.0 * PI / WAVELENGTH;
     let amplitude = 1500.0;
     let sigma = snr_db.map_or(0.0, |snr| amplitude / (2.0 * 10f64.powf(snr / 10.0)).sqrt());
@@ -40,12 +24,12 @@ fn circle(tone_hz: f64, snr_db: Option<f64>, seed: u64) -> Vec<i16> {
     let mut codes = Vec::new();
     for degree in 0..360 {
         let azimuth = f64::from(degree).to_radians();
-        let start = 2.0 * PI * normal.uniform();
+        let start = random.turn();
         for (x, y) in antennas {
             let distance = (5.0 * azimuth.cos() - x).hypot(5.0 * azimuth.sin() - y);
             for n in 0..N {
                 let phase = 2.0 * PI * tone_hz / FS * n as f64 + start - k * distance;
-                let value = amplitude * phase.cos() + sigma * normal.draw();
+                let value = amplitude * phase.cos() + sigma * random.first_normal();
                 codes.push(value.round().clamp(-2048.0, 2047.0) as i16);
             }
         }
@@ -53,30 +37,12 @@ fn circle(tone_hz: f64, snr_db: Option<f64>, seed: u64) -> Vec<i16> {
     codes
 }
 
-fn write(dir: &Path, codes: &[i16]) -> (String, String) {
-    let adc = dir.join("adc.npy");
-    let mut writer = npyz::WriteOptions::new()
-        .default_dtype()
-        .shape(&[(codes.len() / (4 * N)) as u64, 4, N as u64])
-        .writer(std::fs::File::create(&adc).unwrap())
-        .begin_nd()
-        .unwrap();
-    writer.extend(codes.iter().copied()).unwrap();
-    writer.finish().unwrap();
-    let array = dir.join("array.toml");
-    std::fs::write(&array, format!("wavelength_m = {WAVELENGTH}\nside_m = {SIDE}\nsample_rate_hz = {FS}\n")).unwrap();
-    (adc.to_string_lossy().into_owned(), array.to_string_lossy().into_owned())
-}
-
 /// What `foxhound bearing` prints, line by line.
 fn lines(codes: &[i16], extra: &[&str]) -> Vec<Value> {
-    let dir = tempfile::tempdir().unwrap();
-    let (adc, array) = write(dir.path(), codes);
-    let mut arguments = vec!["bearing", "--adc", &adc, "--array", &array, "--json"];
-    arguments.extend_from_slice(extra);
-    let output = run(&arguments);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+    let files = Files::new();
+    std::fs::write(files.path("adc.npy"), npy_frames(codes, N)).unwrap();
+    let array = format!("wavelength_m = {WAVELENGTH}\nside_m = {SIDE}\nsample_rate_hz = {FS}\n");
+    files.lines("--adc", "adc.npy", &array, extra)
 }
 
 /// Errors in degrees, and the mean of their squares over the predicted variance.
@@ -101,10 +67,6 @@ fn errors(codes: &[i16], extra: &[&str]) -> (Vec<f64>, f64) {
 
 fn mean(errors: &[f64]) -> f64 {
     errors.iter().sum::<f64>() / errors.len() as f64
-}
-
-fn rms(errors: &[f64]) -> f64 {
-    (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt()
 }
 
 fn worst(errors: &[f64]) -> f64 {

@@ -3,42 +3,24 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use foxhound_core::base::adc::AdcFrame;
-use foxhound_tests::run;
-use npyz::WriterBuilder as _;
+use foxhound_tests::{npy, npy_frames, text};
 use serde_json::Value;
 
+use crate::other_radios::Files;
 use crate::reflections::{Passage, passage};
 use crate::waves::*;
 
 /// The lines that `foxhound bearing` prints for frames.
 fn lines(frames: &[AdcFrame<N>], yaws: &[f64], keys: &str, arguments: &[&str]) -> Vec<Value> {
-    let dir = tempfile::tempdir().unwrap();
-    let path = |name: &str| dir.path().join(name).to_string_lossy().into_owned();
-    let (adc, array, yaw) = (path("adc.npy"), path("array.toml"), path("yaw.npy"));
-    write_npy(&adc, &[frames.len() as u64, 4, N as u64], frames.iter().flat_map(|frame| frame.codes.as_flattened()));
-    write_npy(&yaw, &[yaws.len() as u64], yaws);
+    let files = Files::new();
+    let codes: Vec<i16> = frames.iter().flat_map(|frame| frame.codes.as_flattened()).copied().collect();
+    std::fs::write(files.path("adc.npy"), npy_frames(&codes, N)).unwrap();
+    let values: Vec<u8> = yaws.iter().flat_map(|yaw| yaw.to_le_bytes()).collect();
+    std::fs::write(files.path("yaw.npy"), npy("<f8", &format!("({},)", yaws.len()), &values)).unwrap();
     let side_m = SIDE_WAVELENGTHS * WAVELENGTH_M;
-    let text = format!("wavelength_m = {WAVELENGTH_M}\nside_m = {side_m}\nsample_rate_hz = {SAMPLE_RATE_HZ}\n{keys}");
-    std::fs::write(&array, text).unwrap();
-    let mut all = vec!["bearing", "--adc", &adc, "--array", &array, "--json"];
-    all.extend_from_slice(arguments);
-    if !yaws.is_empty() {
-        all.extend(["--yaw", yaw.as_str()]);
-    }
-    let output = run(&all);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
-}
-
-fn write_npy<'a, T: npyz::AutoSerialize + Copy + 'a>(
-    path: &str,
-    shape: &[u64],
-    values: impl IntoIterator<Item = &'a T>,
-) {
-    let file = std::fs::File::create(path).unwrap();
-    let mut writer = npyz::WriteOptions::new().default_dtype().shape(shape).writer(file).begin_nd().unwrap();
-    writer.extend(values).unwrap();
-    writer.finish().unwrap();
+    let array = format!("wavelength_m = {WAVELENGTH_M}\nside_m = {side_m}\nsample_rate_hz = {SAMPLE_RATE_HZ}\n{keys}");
+    let yaw = ["--yaw", &text(&files.path("yaw.npy"))];
+    files.lines("--adc", "adc.npy", &array, &[arguments, if yaws.is_empty() { &[] } else { &yaw }].concat())
 }
 
 /// Errors of lines, in degrees and in sigmas.

@@ -4,18 +4,14 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use std::f64::consts::TAU;
-use std::path::{Path, PathBuf};
 
-use foxhound_tests::{run, run_json};
-use npyz::WriterBuilder as _;
-use rand_core::{Rng as _, SeedableRng as _};
-use rand_xoshiro::Xoshiro256PlusPlus;
+use foxhound_tests::{npy, npy_frames, refused, run_json, text};
 use serde_json::Value;
 
-const N: usize = 256;
-const FS: f64 = 102_400.0;
-const WAVELENGTH: f64 = 0.345;
-const SIDE: f64 = 0.40 * WAVELENGTH;
+use crate::other_radios::Files;
+use crate::waves::{N, Random, SAMPLE_RATE_HZ as FS, SIDE_WAVELENGTHS, WAVELENGTH_M as WAVELENGTH};
+
+const SIDE: f64 = SIDE_WAVELENGTHS * WAVELENGTH;
 
 /// Four different channels; their noise is the same.
 #[derive(Clone, Copy)]
@@ -37,38 +33,22 @@ const UNEVEN: Receiver = Receiver {
     snr_db: 20.0,
 };
 
-struct Normal(Xoshiro256PlusPlus);
-
-impl Normal {
-    fn new(seed: u64) -> Self {
-        Self(Xoshiro256PlusPlus::seed_from_u64(seed))
-    }
-
-    fn uniform(&mut self) -> f64 {
-        ((self.0.next_u64() >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    }
-
-    fn draw(&mut self) -> f64 {
-        (-2.0 * self.uniform().ln()).sqrt() * (TAU * self.uniform()).cos()
-    }
-}
-
 /// Frames of a source far away, one an azimuth; none is a splitter.
 fn frames(receiver: &Receiver, azimuths: &[Option<f64>], seed: u64) -> Vec<i16> {
-    let mut normal = Normal::new(seed);
+    let mut random = Random::new(seed);
     let sigma = receiver.amplitude / (2.0 * 10f64.powf(receiver.snr_db / 10.0)).sqrt();
     let h = SIDE / 2.0;
     let antennas = [(h, h), (h, -h), (-h, -h), (-h, h)];
     let mut codes = Vec::new();
     for azimuth in azimuths {
-        let start = TAU * normal.uniform();
+        let start = random.turn();
         for (m, (x, y)) in antennas.into_iter().enumerate() {
             let nearer = azimuth.map_or(0.0, |a| x * a.cos() + y * a.sin());
             let phase = start + TAU / WAVELENGTH * nearer + receiver.phase_deg[m].to_radians();
             for n in 0..N {
                 let t = (n as f64 + receiver.skew_samples[m]) / FS;
                 let wave = receiver.amplitude * receiver.gain[m] * (TAU * receiver.tone_hz * t + phase).cos();
-                codes.push((wave + sigma * normal.draw()).round().clamp(-2048.0, 2047.0) as i16);
+                codes.push((wave + sigma * random.first_normal()).round().clamp(-2048.0, 2047.0) as i16);
             }
         }
     }
@@ -79,66 +59,49 @@ fn all_around(rounds: usize) -> Vec<Option<f64>> {
     (0..360 * rounds).map(|degree| Some((degree as f64).to_radians())).collect()
 }
 
-fn save<T: npyz::AutoSerialize + Copy>(path: &Path, shape: &[u64], values: &[T]) -> String {
-    let options = npyz::WriteOptions::new().default_dtype().shape(shape);
-    let mut writer = options.writer(std::fs::File::create(path).unwrap()).begin_nd().unwrap();
-    writer.extend(values.iter().copied()).unwrap();
-    writer.finish().unwrap();
-    path.to_string_lossy().into_owned()
-}
-
 /// A folder with an array file in it.
-struct Bench {
-    dir: tempfile::TempDir,
-    array: PathBuf,
-}
+struct Bench(Files);
 
 impl Bench {
     fn new(extra: &str) -> Self {
-        let dir = tempfile::tempdir().unwrap();
-        let array = dir.path().join("array.toml");
-        let text = format!(
-            "# Prototype 2\nwavelength_m = {WAVELENGTH} # 868 MHz\nside_m = {SIDE}\nsample_rate_hz = {FS}\n{extra}"
+        let files = Files::new();
+        files.text(
+            "array.toml",
+            &format!(
+                "# Prototype 2\nwavelength_m = {WAVELENGTH} # 868 MHz\nside_m = {SIDE}\nsample_rate_hz = {FS}\n{extra}"
+            ),
         );
-        std::fs::write(&array, text).unwrap();
-        Self { dir, array }
+        Self(files)
     }
 
-    fn text(&self) -> String {
-        std::fs::read_to_string(&self.array).unwrap()
+    fn array(&self) -> String {
+        std::fs::read_to_string(self.0.path("array.toml")).unwrap()
     }
 
-    fn adc(&self, codes: &[i16]) -> String {
-        save(&self.dir.path().join("adc.npy"), &[(codes.len() / (4 * N)) as u64, 4, N as u64], codes)
-    }
-
-    fn arguments<'a>(&'a self, command: &'a str, adc: &'a str, extra: &[&'a str]) -> Vec<&'a str> {
-        let mut arguments = vec![command, "--adc", adc, "--array", self.array.to_str().unwrap(), "--json"];
-        arguments.extend_from_slice(extra);
-        arguments
+    fn calibration(&self, codes: &[i16], extra: &[&str]) -> Vec<String> {
+        let (adc, array) = (self.0.path("adc.npy"), self.0.path("array.toml"));
+        std::fs::write(&adc, npy_frames(codes, N)).unwrap();
+        let call = ["calibrate", "--adc", &text(&adc), "--array", &text(&array), "--json"];
+        call.iter().chain(extra).map(|word| (*word).to_owned()).collect()
     }
 
     fn calibrate(&self, codes: &[i16], extra: &[&str]) -> Value {
-        let adc = self.adc(codes);
-        let (status, report) = run_json(&self.arguments("calibrate", &adc, extra));
+        let call = self.calibration(codes, extra);
+        let (status, report) = run_json(&call.iter().map(String::as_str).collect::<Vec<_>>());
         assert_eq!(status, 0);
         report
     }
 
     fn refuses(&self, codes: &[i16], extra: &[&str]) -> String {
-        let (adc, before) = (self.adc(codes), self.text());
-        let output = run(&self.arguments("calibrate", &adc, extra));
-        let text = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(2), "{text}");
-        assert_eq!(self.text(), before, "a refused calibration writes nothing");
-        text
+        let (call, before) = (self.calibration(codes, extra), self.array());
+        let said = refused(&call.iter().map(String::as_str).collect::<Vec<_>>());
+        assert_eq!(self.array(), before, "a refused calibration writes nothing");
+        said
     }
 
     fn bearings(&self, codes: &[i16]) -> Vec<Value> {
-        let adc = self.adc(codes);
-        let output = run(&self.arguments("bearing", &adc, &["--independent"]));
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        String::from_utf8(output.stdout).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+        std::fs::write(self.0.path("adc.npy"), npy_frames(codes, N)).unwrap();
+        self.0.lines("--adc", "adc.npy", &self.array(), &["--independent"])
     }
 }
 
@@ -179,7 +142,7 @@ fn one_frame_at_40_db_makes_uneven_channels_good_and_before_it_every_frame_is_un
         let found = report["phase_deg"][m].as_f64().unwrap() - report["phase_deg"][0].as_f64().unwrap();
         assert!((found - truth_deg).abs() < 0.3, "{report}");
     }
-    let text = bench.text();
+    let text = bench.array();
     for kept in ["# Prototype 2", "# 868 MHz", "require_calibration = true # it flies"] {
         assert!(text.contains(kept), "{text}");
     }
@@ -199,7 +162,7 @@ fn a_changed_or_foreign_table_makes_every_frame_uncalibrated() {
     let bench = Bench::new("");
     let known = frames(&Receiver { snr_db: 40.0, ..UNEVEN }, &[None; 4], 4);
     bench.calibrate(&known, &["--splitter"]);
-    let (good, codes) = (bench.text(), frames(&UNEVEN, &all_around(1), 5));
+    let (good, codes) = (bench.array(), frames(&UNEVEN, &all_around(1), 5));
     assert!(bench.bearings(&codes).iter().all(|line| line["valid"] == true));
     let elsewhere = frames(&Receiver { tone_hz: 60.25 * FS / 256.0, ..UNEVEN }, &all_around(1), 6);
     assert!(bench.bearings(&elsewhere).iter().all(uncalibrated), "a tone at another frequency");
@@ -209,7 +172,7 @@ fn a_changed_or_foreign_table_makes_every_frame_uncalibrated() {
     let other_carrier = good.replace(&format!("wavelength_m = {WAVELENGTH} #"), "wavelength_m = 0.36 #");
     assert_ne!(other_carrier, good);
     for bad in [good.replace(frequency, "frequency_hz = 14921.0"), other_carrier] {
-        std::fs::write(&bench.array, bad).unwrap();
+        bench.0.text("array.toml", &bad);
         assert!(bench.bearings(&codes).iter().all(uncalibrated));
     }
 }
@@ -256,10 +219,12 @@ fn a_configured_skew_of_three_quarters_of_a_sample_costs_nothing() {
 fn a_turn_on_the_spot_calibrates_and_names_swapped_channels() {
     let bench = Bench::new("");
     let yaw_rad: Vec<f64> = (0..90).map(|k| f64::from(k) * TAU / 90.0).collect();
-    let yaw = save(&bench.dir.path().join("yaw.npy"), &[90], &yaw_rad);
+    let yaw = bench.0.path("yaw.npy");
+    let values: Vec<u8> = yaw_rad.iter().flat_map(|yaw_rad| yaw_rad.to_le_bytes()).collect();
+    std::fs::write(&yaw, npy("<f8", "(90,)", &values)).unwrap();
     let azimuths: Vec<_> = yaw_rad.iter().map(|yaw_rad| Some(30_f64.to_radians() - yaw_rad)).collect();
     let mut codes = frames(&Receiver { snr_db: 30.0, ..UNEVEN }, &azimuths, 10);
-    let arguments = ["--azimuth-deg", "30", "--yaw", &yaw];
+    let arguments = ["--azimuth-deg", "30", "--yaw", &text(&yaw)];
     let report = bench.calibrate(&codes, &arguments);
     assert!(report["deviation_max_deg"].as_f64().unwrap() < 0.2, "there is none: {report}");
     assert!((report["phase_deg"][1].as_f64().unwrap() - report["phase_deg"][0].as_f64().unwrap() - 47.0).abs() < 0.1);
@@ -300,7 +265,7 @@ fn frames_and_arrays_that_will_not_do_are_refused_by_name() {
         (format!("wavelength_m = {WAVELENGTH}"), String::new(), "wavelength_m"),
     ] {
         let bench = Bench::new("");
-        std::fs::write(&bench.array, bench.text().replace(&from, &to)).unwrap();
+        bench.0.text("array.toml", &bench.array().replace(&from, &to));
         let text = bench.refuses(&good, &known);
         assert!(text.contains(field), "{text}");
     }

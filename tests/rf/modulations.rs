@@ -9,7 +9,7 @@ use foxhound_sim::tools::iq::{self, Frames};
 use foxhound_sim::tools::radio_array::RadioArray;
 use serde_json::Value;
 
-use crate::other_radios::{Files, complex64, errors, has, line, number, ring};
+use crate::other_radios::{Files, bound_deg, complex64, errors, has, line, number, ring};
 use crate::waves::{Random, degrees_between, rms};
 
 /// Samples of a frame, at 1 MHz.
@@ -174,16 +174,6 @@ pub(crate) fn lines(
     (lines.iter().map(|line| serde_json::to_value(line).unwrap()).collect(), taken_us)
 }
 
-/// Cramer-Rao bound of a Gaussian source, degrees.
-fn bound_deg(antennas_m: &[[f64; 2]], azimuth: f64, snr_db: f64, samples: f64) -> f64 {
-    let slopes: Vec<f64> = antennas_m.iter().map(|[x, y]| TAU * (y * azimuth.cos() - x * azimuth.sin())).collect();
-    let antennas = antennas_m.len() as f64;
-    let mean = slopes.iter().sum::<f64>() / antennas;
-    let sharpness: f64 = slopes.iter().map(|slope| (slope - mean).powi(2)).sum();
-    let ratio = 10.0_f64.powf(-snr_db / 10.0);
-    (ratio / (2.0 * samples) * (1.0 + ratio / antennas) / sharpness).sqrt().to_degrees()
-}
-
 /// FM voice, chirps, OFDM bursts and noise-like sources heard by 2 to 8 channels in their occupied band: errors within 1.15 of the
 /// Cramer-Rao bound of a Gaussian source of that band, with their own sigma, at 0 dB (four frames a bearing), 10 and 30 dB.
 #[test]
@@ -279,76 +269,6 @@ fn a_second_emitter_is_flagged_and_one_outside_of_the_band_is_not_heard() {
     }
 }
 
-/// Eigenvectors of a real symmetric matrix by Jacobi's rotations, with their values.
-fn eigen(mut a: Vec<Vec<f64>>) -> Vec<(f64, Vec<f64>)> {
-    let n = a.len();
-    let mut v: Vec<Vec<f64>> = (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect();
-    for _ in 0..30 {
-        for p in 0..n {
-            for q in p + 1..n {
-                if a[p][q].abs() < 1e-14 {
-                    continue;
-                }
-                let theta = 0.5 * (2.0 * a[p][q]).atan2(a[q][q] - a[p][p]);
-                let (s, c) = theta.sin_cos();
-                for row in &mut a {
-                    (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
-                }
-                let (mut pth, mut qth) = (a[p].clone(), a[q].clone());
-                for (x, y) in pth.iter_mut().zip(&mut qth) {
-                    (*x, *y) = (c * *x - s * *y, s * *x + c * *y);
-                }
-                (a[p], a[q]) = (pth, qth);
-                for row in &mut v {
-                    (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
-                }
-            }
-        }
-    }
-    let mut pairs: Vec<(f64, Vec<f64>)> = (0..n).map(|k| (a[k][k], v.iter().map(|row| row[k]).collect())).collect();
-    pairs.sort_by(|x, y| y.0.total_cmp(&x.0));
-    pairs
-}
-
-/// MUSIC for so many sources on a frame, over its bins in a band: textbook, a grid of a tenth of a degree.
-fn music(antennas_m: &[[f64; 2]], band_hz: [f64; 2], values: &[[f64; 2]], sources: usize) -> f64 {
-    let n = antennas_m.len();
-    let bin_hz = RATE_HZ / N as f64;
-    let (low, high) = ((band_hz[0] / bin_hz).ceil() as i32, (band_hz[1] / bin_hz).floor() as i32);
-    // The covariance as a real matrix of twice the size.
-    let mut r = vec![vec![0.0; 2 * n]; 2 * n];
-    for bin in low..=high {
-        let z: Vec<[f64; 2]> = values
-            .chunks_exact(N)
-            .map(|channel| {
-                channel.iter().enumerate().fold([0.0; 2], |sum, (k, [a, b])| {
-                    let (s, c) = (-TAU * f64::from(bin) * k as f64 / N as f64).sin_cos();
-                    [sum[0] + a * c - b * s, sum[1] + a * s + b * c]
-                })
-            })
-            .collect();
-        for i in 0..n {
-            for j in 0..n {
-                let (re, im) = (z[i][0] * z[j][0] + z[i][1] * z[j][1], z[i][1] * z[j][0] - z[i][0] * z[j][1]);
-                r[i][j] += re;
-                r[n + i][n + j] += re;
-                r[i][n + j] -= im;
-                r[n + i][j] += im;
-            }
-        }
-    }
-    let noise = &eigen(r)[2 * sources..];
-    let mut best = (f64::MAX, 0.0);
-    for step in 0..3600 {
-        let azimuth = f64::from(step) * TAU / 3600.0;
-        let wave: Vec<f64> = antennas_m.iter().map(|[x, y]| TAU * (x * azimuth.cos() + y * azimuth.sin())).collect();
-        let a: Vec<f64> = wave.iter().map(|phase| phase.cos()).chain(wave.iter().map(|phase| phase.sin())).collect();
-        let left: f64 = noise.iter().map(|(_, v)| v.iter().zip(&a).map(|(v, a)| v * a).sum::<f64>().powi(2)).sum();
-        best = if left < best.0 { (left, azimuth) } else { best };
-    }
-    best.1
-}
-
 /// A kind of reception, and 200 frames of it.
 pub(crate) struct Reception {
     pub(crate) name: &'static str,
@@ -399,29 +319,4 @@ pub(crate) fn six_kinds(seed: u64) -> Vec<Reception> {
         Reception { name, antennas_m, sent, snr_db, azimuths, values }
     })
     .into()
-}
-
-/// Six kinds of reception beside MUSIC, on the same frames: the errors are at most 1.1 of MUSIC's, which has no window and so hears what is outside
-/// of the band as well. `--nocapture` prints the table of `docs/results/radios.md`, and the time a frame takes.
-#[test]
-fn six_kinds_of_reception_are_as_good_as_with_music() {
-    let files = Files::new();
-    println!("| antennas | sent | dB | Foxhound | MUSIC |");
-    for kind in six_kinds(2303) {
-        let Reception { name, antennas_m, sent, snr_db, azimuths, values } = &kind;
-        let (lines, own_us) = lines(&files, antennas_m, sent.band_hz(), values, 1);
-        let own = errors(&lines, azimuths);
-        let begin = Instant::now();
-        let found =
-            values.chunks_exact(antennas_m.len() * N).map(|values| music(antennas_m, sent.band_hz(), values, 1));
-        let its = kind.errors(&found.collect::<Vec<_>>());
-        let its_us = begin.elapsed().as_secs_f64() * 1e6 / azimuths.len() as f64;
-        assert_eq!(own.len(), 200, "{name}");
-        println!(
-            "| {name} | {sent:?} | {snr_db} | {:.2} | {:.2} | ({own_us:.0} us, MUSIC {its_us:.0} us)",
-            rms(&own),
-            rms(&its)
-        );
-        assert!(rms(&own) <= 1.1 * rms(&its), "{name}: {} against {}", rms(&own), rms(&its));
-    }
 }

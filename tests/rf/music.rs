@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use foxhound_tests::{python, root, take_machine};
+use foxhound_tests::{peer_says, root, take_machine};
 use serde_json::{Value, json};
 
 use crate::modulations::{N, RATE_HZ, Reception, lines, six_kinds};
@@ -14,9 +14,7 @@ use crate::waves::{quantile, rms};
 
 /// What NumPy finds in the recordings of a folder, by their names in order.
 pub(crate) fn directions(folder: &Path) -> Vec<Value> {
-    let output = python().arg(root().join("tests/peers/directions.py")).arg(folder).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+    peer_says("directions.py", &[folder]).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
 /// Numbers of a list.
@@ -121,8 +119,7 @@ fn a_recorded_software_radio_gives_the_bearings_of_music() {
     }
     let files = Files::new();
     let folder = files.path(".");
-    let made = python().arg(root().join("tests/peers/icasp_frames.py")).args([&data, &folder]).output().unwrap();
-    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let _ = peer_says("icasp_frames.py", &[&data, &folder]);
     println!("| place | off broadside | rows | Foxhound | MUSIC | plain beam |");
     let mut all: BTreeMap<u64, Heard> = BTreeMap::new();
     for found in directions(&folder) {

@@ -8,7 +8,7 @@ use std::path::Path;
 use foxhound_sim::tools::iq::{self, Frames};
 use foxhound_sim::tools::radio_array::RadioArray;
 use foxhound_sim::tools::switched::{self, Packets};
-use foxhound_tests::{run, run_json};
+use foxhound_tests::{assert_refused, run_json, text};
 use serde_json::Value;
 
 use crate::other_radios::{Files, has, npy, number, ring};
@@ -145,6 +145,53 @@ fn whole_numbers_and_wav_files_give_their_bearing() {
     assert!(refused("flat.npy", &array()).contains("expected (frames, channels, N, 2)"));
     std::fs::write(files.path("no.wav"), b"RIFX").unwrap();
     assert!(refused("no.wav", &array()).contains("not a WAV file"));
+}
+
+/// SigMF recordings of every format that is read give the same bearing; damaged ones are refused by key.
+#[test]
+fn sigmf_recordings_are_read_and_damaged_ones_refused() {
+    let files = Files::new();
+    let array = format!("wavelength_m = 1.0\nantennas_m = {:?}\nsample_rate_hz = 1e6\n", ring(3, 0.25));
+    let meta = |datatype: &str, channels: usize, rate: &str| {
+        format!(
+            "{{\"global\": {{\"core:datatype\": \"{datatype}\", \"core:version\": \"1.0.0\", \"core:num_channels\": {channels}, \
+             \"core:sample_rate\": {rate}}}, \"captures\": [{{\"core:sample_start\": 0}}], \"annotations\": []}}"
+        )
+    };
+    let samples = samples(2048);
+    type Encode = fn(f64) -> Vec<u8>;
+    let formats: [(&str, Encode); 4] = [
+        ("cf32_le", |x| (x as f32).to_le_bytes().to_vec()),
+        ("ci16_le", |x| ((x * 32_768.0) as i16).to_le_bytes().to_vec()),
+        ("ci8", |x| ((x * 128.0).round() as i8).to_le_bytes().to_vec()),
+        ("cu8", |x| vec![(x * 127.5 + 127.5).round() as u8]),
+    ];
+    for (datatype, encode) in formats {
+        files.text("f.sigmf-meta", &meta(datatype, 3, "1e6"));
+        let bytes: Vec<u8> = samples.iter().flat_map(|x| encode(*x)).collect();
+        std::fs::write(files.path("f.sigmf-data"), &bytes).unwrap();
+        let lines = files.lines("--iq", "f.sigmf-meta", &array, &[]);
+        assert_eq!(lines.len(), 2);
+        for line in &lines {
+            assert!(line["valid"] == true, "{datatype}: {line}");
+            assert!(
+                degrees_between(number(line, "azimuth_deg").to_radians(), AZIMUTH).abs() < 1.0,
+                "{datatype}: {line}"
+            );
+        }
+        std::fs::write(files.path("f.sigmf-data"), &bytes[..bytes.len() - 1]).unwrap();
+        assert!(files.refused("--iq", "f.sigmf-meta", &array, &[]).contains("truncated"), "{datatype}");
+    }
+    for (text, key) in [
+        (meta("rf64_le", 3, "1e6"), "core:datatype"),
+        (meta("ci8", 1, "1e6"), "core:num_channels"),
+        (meta("ci8", 3, "2e6"), "core:sample_rate"),
+        ("{}".to_owned(), "global"),
+        ("{".to_owned(), "f.sigmf-meta"),
+    ] {
+        files.text("f.sigmf-meta", &text);
+        assert!(files.refused("--iq", "f.sigmf-meta", &array, &[]).contains(key), "{text}");
+    }
 }
 
 /// A ring of eight behind a switch, as Bluetooth reports it.
@@ -363,8 +410,7 @@ fn listen_makes_a_page_of_a_recording_and_of_a_radio() {
     std::fs::write(files.path("b.h4"), h4(&events)).unwrap();
     let page = |name: &str, array: &str, more: &[&str]| {
         let (array, file, out) = (files.text("array.toml", array), files.path(name), files.path("page.html"));
-        let path = |path: &Path| path.to_string_lossy().into_owned();
-        let all = ["listen", &path(&file), "--array", &path(&array), "--out", &path(&out), "--json"];
+        let all = ["listen", &text(&file), "--array", &text(&array), "--out", &text(&out), "--json"];
         let (code, summary) = run_json(&[&all[..], more].concat());
         assert_eq!(code, 0, "{summary}");
         let html = std::fs::read_to_string(&out).unwrap();
@@ -388,11 +434,9 @@ fn listen_makes_a_page_of_a_recording_and_of_a_radio() {
             std::thread::sleep(std::time::Duration::from_millis(50));
         }
     });
-    let (source, out) = (format!("udp:127.0.0.1:{port}"), files.path("live.html").to_string_lossy().into_owned());
+    let (source, out) = (format!("udp:127.0.0.1:{port}"), text(&files.path("live.html")));
     let (code, summary) = run_json(&["listen", "--bearings", &source, "--seconds", "2", "--out", &out, "--json"]);
     assert!(code == 0 && summary["valid"].as_u64().unwrap() >= 3, "{summary}");
     sender.join().unwrap();
-    let refused = |arguments: &[&str]| String::from_utf8(run(arguments).stderr).unwrap();
-    assert!(refused(&["listen"]).contains("<FILE>"));
-    assert!(refused(&["listen", "a.wav"]).contains("--array"));
+    assert_refused(&["listen"], &[(&[][..], ["<FILE>"]), (&["a.wav"], ["--array"])]);
 }

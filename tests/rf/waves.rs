@@ -50,6 +50,11 @@ impl Random {
         self.spare = Some(radius * sine);
         radius * cosine
     }
+
+    /// The first of each pair.
+    pub(crate) fn first_normal(&mut self) -> f64 {
+        (-2.0 * self.uniform().ln()).sqrt() * self.turn().cos()
+    }
 }
 
 /// A plane wave.
