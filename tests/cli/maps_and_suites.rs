@@ -6,16 +6,12 @@ use std::collections::BTreeSet;
 use std::fs::read_to_string;
 use std::path::Path;
 
-use foxhound_tests::{run, run_json};
+use foxhound_tests::{run, run_json, text};
 use serde_json::{Value, json};
 
 /// The main paper's Table I: mean and variance.
 const TABLE_I: [(f64, f64); 5] =
     [(0.0702, 0.0020), (0.1102, 0.0023), (0.1267, 0.0021), (0.1520, 0.0011), (0.1552, 0.0152)];
-
-fn text(path: &Path) -> String {
-    path.to_string_lossy().into_owned()
-}
 
 fn read_json(path: &Path) -> Value {
     serde_json::from_str(&read_to_string(path).unwrap()).unwrap()
@@ -244,115 +240,4 @@ fn every_flight_has_a_seed_of_its_own() {
     let hashes: BTreeSet<String> =
         lines.lines().map(|line| serde_json::from_str::<Value>(line).unwrap()["trace_hash"].to_string()).collect();
     assert_eq!(hashes.len(), 40);
-}
-
-/// A bad suite file is refused, and the message names the field.
-#[test]
-fn bad_suites_are_refused_and_name_the_field() {
-    let dir = tempfile::tempdir().unwrap();
-    let file = dir.path().join("suite.json");
-    let refusal = |content: &str, extra: &[&str]| {
-        std::fs::write(&file, content).unwrap();
-        let output = run(&[&["suite", "--json", &text(&file)], extra].concat());
-        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(2), "{content}: {errors}");
-        assert!(output.stdout.is_empty() && !errors.contains("panicked"), "{content}: {errors}");
-        errors
-    };
-    let map = |obstacles: &str, pairs: &str| {
-        format!(r#"{{"maps":[{{"row":1,"instance":0,"obstacles":{obstacles},"pairs":{pairs}}}]}}"#)
-    };
-    let good = "[[1,1,5,5,5.7]]";
-    for (content, field) in [
-        (map("[[1,2,-0.3]]", good), "maps[0].obstacles[0][2] = -0.3 is outside"),
-        (map("[[1,2,0]]", good), "maps[0].obstacles[0][2]"),
-        (map("[[1,2,1e300]]", good), "maps[0].obstacles[0][2]"),
-        (map("[[1,2,0.3],[1e7,2,0.3]]", good), "maps[0].obstacles[1][0]"),
-        (map("[[1,null,0.3]]", good), "maps[0].obstacles[0][1]"),
-        (map("[[1,2]]", good), "maps[0].obstacles[0]"),
-        (map("[[1,2,0.3,4]]", good), "maps[0].obstacles[0]"),
-        (map("[[1,1e999,0.3]]", good), "maps[0].obstacles[0][1]"),
-        (map("[[1,NaN,0.3]]", good), "line 1"),
-        (map("null", good), "maps[0].obstacles"),
-        (map("[]", "[[1,1,5,5,null]]"), "maps[0].pairs[0][4]"),
-        (map("[]", "[[1,1,null,5,3]]"), "maps[0].pairs[0][2]"),
-        (map("[]", "[[1,1,5,5,-3]]"), "maps[0].pairs[0][4]"),
-        (map("[]", "[[1,1,5,5]]"), "maps[0].pairs[0]"),
-        (map("[]", r#"[[1,1,5,"x",3]]"#), "maps[0].pairs[0][3]"),
-        (map("[]", "[[1,1,5,1e9,3]]"), "maps[0].pairs[0][3]"),
-        (map("[]", "[]"), "maps: there is no pair"),
-        (r#"{"maps":[]}"#.to_owned(), "maps: there is no pair"),
-        ("{}".to_owned(), "maps: there is no pair"),
-        (r#"{"maps":null}"#.to_owned(), "maps"),
-        (r#"{"maps":[{"row":-1,"instance":0,"obstacles":[],"pairs":[]}]}"#.to_owned(), "maps[0].row"),
-        (r#"{"maps":[{"row":1,"instance":0,"obstacles":[]}]}"#.to_owned(), "pairs"),
-        (r#"{"maps":[{"row":1,"instance":0,"obstacle":[],"obstacles":[],"pairs":[]}]}"#.to_owned(), "`obstacles`"),
-        (r#"{"drone_radius":-0.1,"maps":[]}"#.to_owned(), "drone_radius"),
-        (r#"{"drone_radius":null,"maps":[]}"#.to_owned(), "drone_radius"),
-        (r#"{"bounds":[0,0,-10,10],"maps":[]}"#.to_owned(), "bounds[2]"),
-        (r#"{"sensor":{"fov_deg":0}}"#.to_owned(), "sensor.fov_deg"),
-        (r#"{"bearing":{"sigma":1}}"#.to_owned(), "bearing.sigma: unknown key; did you mean `sigma_deg`"),
-        (r#"{"goal_tolerance":0}"#.to_owned(), "goal_tolerance"),
-        (r#"{"map":[]}"#.to_owned(), "did you mean `maps`"),
-        ("[]".to_owned(), "suite: expected an object"),
-        (r#"{"maps":[[1,0,[],[[1,1,5,5,5.7]]]]}"#.to_owned(), "maps[0]: expected an object"),
-        ("{".to_owned(), "EOF"),
-        (String::new(), "EOF"),
-    ] {
-        let errors = refusal(&content, &[]);
-        assert!(errors.contains(field) && errors.contains("suite.json"), "{content}: {errors}");
-    }
-    let good = map("[]", good);
-    for (extra, word) in [
-        (&["--only", "2"][..], "--only"),
-        (&["--only", "1,0,0,0"], "--only"),
-        (&["--pairs", "0"], "--pairs"),
-        (&["--jobs", "0"], "--jobs"),
-        (&["--drone-radius", "-1"], "--drone-radius"),
-        (&["--drone-radius", "nan"], "--drone-radius"),
-        (&["--bearing-sigma-deg", "200"], "--bearing-sigma-deg"),
-        (&["--snr-db", "1000"], "--snr-db"),
-        (&["--snr-db", "20", "--bearing-sigma-deg", "2"], "--bearing-sigma-deg"),
-        (&["--vehicle", "bicycle"], "--vehicle"),
-        (&["--planner", "magic"], "--planner"),
-    ] {
-        let errors = refusal(&good, extra);
-        assert!(errors.contains(word), "{extra:?}: {errors}");
-    }
-}
-
-/// Maps that are impossible to draw are refused.
-#[test]
-fn maps_that_cannot_be_are_refused() {
-    for (arguments, word) in [
-        (&["--mean", "0.9", "--variance", "0.01"][..], "mean = 0.9"),
-        (&["--mean", "nan", "--variance", "0.01"], "mean"),
-        (&["--mean", "0.1", "--variance", "-1"], "variance"),
-        (&["--mean", "0.02", "--variance", "0.05"], "variance = 0.05"),
-        (&["--row", "6"], "--row"),
-        (&["--row", "1", "--mean", "0.1", "--variance", "0.01"], "--row"),
-        (&["--row", "1", "--drone-radius", "3"], "drone-radius"),
-        (&["--row", "1", "--bounds", "0,0,5"], "--bounds"),
-        (&["--row", "1", "--bounds", "0,0,-5,5"], "bounds[2]"),
-        (&["--describe", "does-not-exist.json"], "does-not-exist.json"),
-    ] {
-        let output = run(&[&["maps", "--json"], arguments].concat());
-        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {errors}");
-        assert!(output.stdout.is_empty() && errors.contains(word), "{arguments:?}: {errors}");
-    }
-}
-
-/// Maps with ten thousand pillars, or with duplicate ones, are flown without a crash of the program.
-#[test]
-fn ten_thousand_and_duplicate_pillars_are_flown_without_a_fall() {
-    // A carpet of pillars beside the way, and each of them twice.
-    let carpet: Vec<Value> = (0..5000)
-        .map(|k| json!([f64::from(k % 100) * 0.2, 3.0 + f64::from(k / 100) * 0.2, 0.05]))
-        .flat_map(|pillar| [pillar.clone(), pillar])
-        .collect();
-    let dir = tempfile::tempdir().unwrap();
-    let suite = json!({"maps": [{"row": 1, "instance": 0, "obstacles": carpet, "pairs": [[1, 1, 7, 1, 6]]}]});
-    let (_, report) = fly(dir.path(), &suite, &[]);
-    assert_eq!((&report["all"]["runs"], &report["all"]["collisions"]), (&json!(1), &json!(0)), "{report}");
 }

@@ -9,9 +9,10 @@ use std::process::Stdio;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance;
 use foxhound_core::guidance::param::Values;
-use foxhound_link::framer::{Content, FRAME_MAX, Framer, Header, encode_data};
+use foxhound_link::framer::{Content, Framer, Header};
 use foxhound_link::params::{Params, Reply, Storage};
-use foxhound_tests::{python, root, run, run_json};
+use foxhound_tests::station::frame;
+use foxhound_tests::{assert_refused, errors, peer, refused, root, run, run_json, text};
 
 /// `docs/parameters.md` is what `foxhound params --markdown` prints.
 #[test]
@@ -28,8 +29,7 @@ fn values_are_listed_with_what_was_set_from_the_file_and_after_it() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("quad.toml");
     std::fs::write(&file, "# ours\nFH_SPD_MAX = 2\nFH_RADIUS = 0.25\n").unwrap();
-    let file = file.to_string_lossy();
-    let (code, table) = run_json(&["params", "--json", "--file", &file, "--set", "FH_RADIUS=0.3"]);
+    let (code, table) = run_json(&["params", "--json", "--file", &text(&file), "--set", "FH_RADIUS=0.3"]);
     assert_eq!(code, 0);
     let value = |name: &str| {
         let row = table["params"].as_array().unwrap().iter().find(|row| row["name"] == name).unwrap();
@@ -40,74 +40,51 @@ fn values_are_listed_with_what_was_set_from_the_file_and_after_it() {
     assert_eq!(value("FH_LAG"), (0.45, 0.45, "s".to_owned()));
 }
 
-/// A bad value or an unknown name is refused, and the message names the parameter.
+/// A bad value, an unknown name, and values that do not fit one another are refused by the names of parameters, with the values of those
+/// that they must fit.
 #[test]
-fn bad_values_are_refused_by_name() {
+fn bad_values_are_refused_by_the_names_of_parameters() {
     let dir = tempfile::tempdir().unwrap();
-    let file = dir.path().join("bad.toml");
+    let path = dir.path().join("bad.toml");
+    let file = text(&path);
     for (content, words) in [
-        ("FH_SPD_MX = 2.0", ["FH_SPD_MX", "did you mean `FH_SPD_MAX`?"]),
-        ("fh_radius = 0.2", ["fh_radius", "did you mean `FH_RADIUS`?"]),
-        ("qqq = 0.2", ["qqq", "`foxhound params` lists them"]),
-        ("FH_SPD_MAX = 99", ["FH_SPD_MAX = 99", "outside 0.05..=20"]),
-        ("FH_SPD_MAX = nan", ["FH_SPD_MAX", "not a finite number"]),
-        ("FH_SPD_MAX = 1e300", ["FH_SPD_MAX", "not a finite number"]),
-        ("FH_SPD_MAX = \"fast\"", ["FH_SPD_MAX", "expected a number, not string"]),
-        ("FH_SPD_MAX = true", ["FH_SPD_MAX", "expected a number, not boolean"]),
-        ("FH_OBS_REQ = 0.5", ["FH_OBS_REQ = 0.5", "not a whole number"]),
-        ("[FH_SPD_MAX]\nx = 1", ["FH_SPD_MAX", "expected a number, not table"]),
-        ("FH_SPD_MAX = 1\nFH_SPD_MAX = 2", ["FH_SPD_MAX", "duplicate key"]),
-        ("FH_ARR_SIDE = 0.2", ["FH_ARR_SIDE = 0.2", "half a wavelength"]),
-        ("FH_HB_TMO = 6.0", ["FH_SILENT = 5", "(FH_HB_TMO)"]),
-        ("FH_SPD_MAX == 1", ["bad.toml", "line 1"]),
+        ("FH_SPD_MX = 2.0", &["FH_SPD_MX", "did you mean `FH_SPD_MAX`?"][..]),
+        ("fh_radius = 0.2", &["fh_radius", "did you mean `FH_RADIUS`?"]),
+        ("qqq = 0.2", &["qqq", "`foxhound params` lists them"]),
+        ("FH_SPD_MAX = 99", &["FH_SPD_MAX = 99", "outside 0.05..=20"]),
+        ("FH_SPD_MAX = nan", &["FH_SPD_MAX", "not a finite number"]),
+        ("FH_SPD_MAX = 1e300", &["FH_SPD_MAX", "not a finite number"]),
+        ("FH_SPD_MAX = \"fast\"", &["FH_SPD_MAX", "expected a number, not string"]),
+        ("FH_SPD_MAX = true", &["FH_SPD_MAX", "expected a number, not boolean"]),
+        ("FH_OBS_REQ = 0.5", &["FH_OBS_REQ = 0.5", "not a whole number"]),
+        ("[FH_SPD_MAX]\nx = 1", &["FH_SPD_MAX", "expected a number, not table"]),
+        ("FH_SPD_MAX = 1\nFH_SPD_MAX = 2", &["FH_SPD_MAX", "duplicate key"]),
+        ("FH_SPD_MAX == 1", &["bad.toml", "line 1"]),
+        // What does not fit.
+        ("FH_ARR_SIDE = 0.2", &["FH_ARR_SIDE = 0.2", "(FH_WAVELEN = 0.345)", "half a wavelength"]),
+        ("FH_WAVELEN = 0.1", &["FH_ARR_SIDE = 0.138", "(FH_WAVELEN = 0.1)"]),
+        ("FH_MARGIN = 0.01", &["FH_MARGIN_TGT = 0.02 is outside 0..=0.01", "(FH_MARGIN = 0.01)"]),
+        ("FH_SMP_RATE = 50000", &["FH_TONE_HI = 49000", "FH_SMP_RATE = 50000"]),
+        ("FH_TONE = 60000", &["FH_TONE = 60000 is outside", "(FH_SMP_RATE = 102400)"]),
+        ("FH_BRG_SRC = 1\nFH_OBS_SRC = 1", &["FH_BRG_SRC = 1", "FH_OBS_SRC = 1"]),
+        ("FH_BRG_SRC = 2\nFH_TURN = 2", &["FH_BRG_SRC", "FH_TURN = 2"]),
+        ("FH_TURN = 2\nFH_TURN_RATE = 3", &["FH_TURN_RATE = 3", "(FH_YAWR_MAX = 2.5)"]),
+        ("FH_TURN = 2\nFH_TURN_RATE = 0.1", &["FH_TURN_RATE = 0.1 is outside"]),
+        ("FH_FENCE_R = 0.5", &["FH_FENCE_R = 0.5 is outside 1..="]),
+        ("FH_SRCH_TIME = 0.5", &["FH_SRCH_TIME = 0.5 is outside 1..=3600"]),
+        ("FH_SRCH_TIME = 9\nFH_RADIUS = 3", &["FH_RADIUS + FH_MARGIN = 3.05 is outside 0..=2", "FH_RADIUS = 3"]),
+        ("FH_HB_TMO = 9", &["FH_SILENT = 5", "(FH_HB_TMO = 9)"]),
     ] {
-        std::fs::write(&file, content).unwrap();
-        for command in [["params", "--file"], ["fly", "--params"]] {
-            let output = run(&[command[0], command[1], &file.to_string_lossy()]);
-            let text = String::from_utf8_lossy(&output.stderr);
-            assert_eq!(output.status.code(), Some(2), "{command:?} {content}: {text}");
-            assert!(words.iter().all(|word| text.contains(word)), "{command:?} {content}: {text}");
-        }
-    }
-    for (assignment, word) in
-        [("FH_LAG", "NAME=VALUE"), ("FH_LAG=slow", "`slow`"), ("=1", "unknown"), ("FH_LAG=9", "0..=5")]
-    {
-        let output = run(&["params", "--set", assignment]);
-        assert_eq!(output.status.code(), Some(2), "{assignment}");
-        assert!(String::from_utf8_lossy(&output.stderr).contains(word), "{assignment}");
-    }
-}
-
-/// Values that do not fit one another are refused by the names of parameters, with the values of those that they must fit.
-#[test]
-fn values_that_do_not_fit_one_another_are_refused_by_the_names_of_parameters() {
-    let dir = tempfile::tempdir().unwrap();
-    let file = dir.path().join("bad.toml");
-    for (content, words) in [
-        ("FH_ARR_SIDE = 0.2", ["FH_ARR_SIDE = 0.2", "(FH_WAVELEN = 0.345)"]),
-        ("FH_WAVELEN = 0.1", ["FH_ARR_SIDE = 0.138", "(FH_WAVELEN = 0.1)"]),
-        ("FH_MARGIN = 0.01", ["FH_MARGIN_TGT = 0.02 is outside 0..=0.01", "(FH_MARGIN = 0.01)"]),
-        ("FH_SMP_RATE = 50000", ["FH_TONE_HI = 49000", "FH_SMP_RATE = 50000"]),
-        ("FH_TONE = 60000", ["FH_TONE = 60000 is outside", "(FH_SMP_RATE = 102400)"]),
-        ("FH_BRG_SRC = 1\nFH_OBS_SRC = 1", ["FH_BRG_SRC = 1", "FH_OBS_SRC = 1"]),
-        ("FH_BRG_SRC = 2\nFH_TURN = 2", ["FH_BRG_SRC", "FH_TURN = 2"]),
-        ("FH_TURN = 2\nFH_TURN_RATE = 3", ["FH_TURN_RATE = 3", "(FH_YAWR_MAX = 2.5)"]),
-        ("FH_TURN = 2\nFH_TURN_RATE = 0.1", ["FH_TURN_RATE = 0.1 is outside", ""]),
-        ("FH_FENCE_R = 0.5", ["FH_FENCE_R = 0.5 is outside 1..=", ""]),
-        ("FH_SRCH_TIME = 0.5", ["FH_SRCH_TIME = 0.5 is outside 1..=3600", ""]),
-        ("FH_SRCH_TIME = 9\nFH_RADIUS = 3", ["FH_RADIUS + FH_MARGIN = 3.05 is outside 0..=2", "FH_RADIUS = 3"]),
-        ("FH_HB_TMO = 9", ["FH_SILENT = 5", "(FH_HB_TMO = 9)"]),
-    ] {
-        std::fs::write(&file, content).unwrap();
-        for command in [["params", "--file"], ["fly", "--params"]] {
-            let output = run(&[command[0], command[1], &file.to_string_lossy()]);
-            let text = String::from_utf8_lossy(&output.stderr);
-            assert_eq!(output.status.code(), Some(2), "{command:?} {content}: {text}");
-            assert!(words.iter().all(|word| text.contains(word)), "{command:?} {content}: {text}");
+        std::fs::write(&path, content).unwrap();
+        for command in [["params", "--file", &file], ["fly", "--params", &file]] {
+            let said = refused(&command);
+            assert!(words.iter().all(|word| said.contains(word)), "{command:?} {content}: {said}");
             let inner = ["link.", "planner.", "phase.", "turning.", "guard.", "explore.", "radio =", "side_m", "_mps"];
-            assert!(!inner.iter().any(|word| text.contains(word)), "{command:?} {content}: {text}");
+            assert!(!inner.iter().any(|word| said.contains(word)), "{command:?} {content}: {said}");
         }
     }
+    let assignments = [("FH_LAG", "NAME=VALUE"), ("FH_LAG=slow", "`slow`"), ("=1", "unknown"), ("FH_LAG=9", "0..=5")];
+    assert_refused(&["params", "--set"], &assignments.map(|(assignment, word)| ([assignment], [word])));
 }
 
 /// A flight uses the parameters that it is given, and those of its scenario for the rest.
@@ -115,14 +92,13 @@ fn values_that_do_not_fit_one_another_are_refused_by_the_names_of_parameters() {
 fn a_flight_goes_by_the_parameters_that_it_is_given_and_by_its_scenario_else() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("slow.toml");
-    let scenario = root().join("tests/scenarios/open_field.json");
+    let scenario = text(&root().join("tests/scenarios/open_field.json"));
     let fly = |content: &str| {
         std::fs::write(&file, content).unwrap();
-        let scenario = scenario.to_string_lossy();
-        run_json(&["fly", "--json", "--scenario", &scenario, "--params", &file.to_string_lossy()]).1
+        run_json(&["fly", "--json", "--scenario", &scenario, "--params", &text(&file)]).1
     };
     let (as_it_is, slow) = (fly(""), fly("FH_SPD_MAX = 0.5"));
-    assert_eq!(as_it_is, run_json(&["fly", "--json", "--scenario", &scenario.to_string_lossy()]).1);
+    assert_eq!(as_it_is, run_json(&["fly", "--json", "--scenario", &scenario]).1);
     assert_eq!(slow["result"], "reached");
     let (fast_s, slow_s) = (as_it_is["time_s"].as_f64().unwrap(), slow["time_s"].as_f64().unwrap());
     assert!(slow_s > 1.7 * fast_s, "{fast_s} s, then {slow_s} s");
@@ -168,16 +144,14 @@ impl Companion {
         let mut sent = Vec::new();
         for _ in 0..milliseconds {
             self.now = self.now.plus_micros(1_000);
-            let mut frame = [0; FRAME_MAX];
             let header = Header { system_id: 1, component_id: 191, sequence: self.sequence };
-            let length = match self.params.next(self.now) {
-                Some(Reply::Value(value)) => encode_data(header, &value, &mut frame),
-                Some(Reply::Text(text)) => encode_data(header, &text, &mut frame),
-                Some(Reply::Ack(ack)) => encode_data(header, &ack, &mut frame),
+            sent.extend(match self.params.next(self.now) {
+                Some(Reply::Value(value)) => frame(header, &value),
+                Some(Reply::Text(text)) => frame(header, &text),
+                Some(Reply::Ack(ack)) => frame(header, &ack),
                 None => continue,
-            };
+            });
             self.sequence = self.sequence.wrapping_add(1);
-            sent.extend_from_slice(&frame[..length]);
         }
         sent
     }
@@ -190,8 +164,7 @@ fn pymavlink_lists_sets_reads_back_and_stores_them() {
     let dir = tempfile::tempdir().unwrap();
     let table = dir.path().join("table.json");
     std::fs::write(&table, run(&["params", "--json"]).stdout).unwrap();
-    let mut station = python()
-        .arg(root().join("tests/peers/set_parameters.py"))
+    let mut station = peer("set_parameters.py")
         .arg(&table)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
@@ -215,6 +188,5 @@ fn pymavlink_lists_sets_reads_back_and_stores_them() {
     }
     drop(to_station);
     let output = station.wait_with_output().unwrap();
-    let text = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success() && text.contains("all checks passed"), "{text}");
+    assert!(output.status.success() && errors(&output).contains("all checks passed"), "{}", errors(&output));
 }

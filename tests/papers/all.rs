@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use foxhound_tests::{python, root, run, run_json};
+use foxhound_tests::{peer_says, run_json};
 use serde_json::Value;
 
 const NAMES: [&str; 8] =
@@ -154,32 +154,11 @@ fn the_page_has_the_published_numbers_beside_ours_and_asks_nobody_for_anything()
     assert_eq!(figures, files.filter(|file| file.as_str().unwrap().ends_with(".svg")).count());
 }
 
-/// A folder that cannot be created and a missing option are refused.
-#[test]
-fn a_folder_that_cannot_be_and_a_missing_one_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("file");
-    std::fs::write(&file, "").unwrap();
-    for (arguments, word) in [
-        (vec!["reproduce", "all", "--json"], "--out"),
-        (vec!["reproduce", "all", "--pairs", "0"], "1..=10000"),
-        (vec!["reproduce", "all", "--out", file.to_str().unwrap()], "file"),
-    ] {
-        let output = run(&arguments);
-        let text = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.code() == Some(2) && output.stdout.is_empty(), "{arguments:?}: {text}");
-        assert!(text.contains(word) && text.starts_with("error:"), "{arguments:?}: {text}");
-    }
-}
-
 /// A browser shows every figure of the page from disk and requests nothing from the network.
 #[test]
 #[ignore = "needs a browser: cargo xtask test"]
 fn a_browser_shows_every_figure_from_disk_and_asks_nobody() {
     let folder = tempfile::tempdir().unwrap();
     all(folder.path(), &[]);
-    let output =
-        python().arg(root().join("tests/peers/papers_page.py")).arg(folder.path().join("index.html")).output().unwrap();
-    let text = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).concat();
-    assert!(output.status.success(), "{text}");
+    let _ = peer_says("papers_page.py", &[folder.path().join("index.html")]);
 }

@@ -67,11 +67,3 @@ fn the_seed_decides_everything() {
     assert_eq!(few("5"), one);
     assert_ne!(few("6"), one);
 }
-
-/// The option `--scenarios` is refused for other experiments.
-#[test]
-fn scenarios_belong_to_mmwave_only() {
-    let output = run(&["reproduce", "aoa-crb", "--scenarios", "10"]);
-    assert_eq!(output.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("only mmwave"));
-}

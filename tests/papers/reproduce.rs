@@ -1,6 +1,6 @@
 //! `foxhound reproduce apf-density` and `apf-variants`, through the command line.
 
-use foxhound_tests::{run, run_json};
+use foxhound_tests::run_json;
 use serde_json::Value;
 
 const PLANNERS: [&str; 5] = ["standard", "paper", "standard_full_loop", "paper_full_loop", "ours"];
@@ -143,22 +143,4 @@ fn the_four_fields_agree_with_the_printed_table_where_an_independent_check_says_
     let one = cell("beside", "one_obstacle", "khatib");
     assert_eq!(number(&one, "/printed_time_s"), 6.370);
     assert!(number(&one, "/path_length_m") > 21.0 && number(&one, "/time_s") > 6.0, "{one}");
-}
-
-/// Bad arguments are refused, and the message says what is wrong.
-#[test]
-fn bad_arguments_are_refused_with_a_word_on_what_is_wrong() {
-    for (arguments, word) in [
-        (vec!["reproduce", "apf-density", "--pairs", "0"], "1..=10000"),
-        (vec!["reproduce", "apf-density", "--pairs", "many"], "--pairs"),
-        (vec!["reproduce", "apf-variants", "--pairs", "10"], "--pairs"),
-        (vec!["reproduce", "aoa-crb", "--pairs", "10"], "only apf-density"),
-        (vec!["reproduce", "apf"], "apf-density"),
-        (vec!["reproduce"], "EXPERIMENT"),
-    ] {
-        let output = run(&arguments);
-        let text = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {text}");
-        assert!(text.contains(word) && output.stdout.is_empty(), "{arguments:?}: {text}");
-    }
 }
