@@ -17,8 +17,8 @@ use foxhound_sim::drive::flight::{self, Ending};
 use foxhound_sim::drive::suite::{Flight, Selection, Suite};
 use foxhound_sim::study::seeds;
 use foxhound_sim::world::Horizontal;
-use foxhound_tests::recording::{self, Place, SLOTS};
-use foxhound_tests::{npy, run, run_json};
+use foxhound_tests::recording::{self, Place};
+use foxhound_tests::{in_parallel, run_json, run_json_lines, text};
 use serde_json::{Value, json};
 
 /// Side of a place in flight; in the recording they are 3 m apart.
@@ -56,19 +56,12 @@ impl Block {
 /// The bearings of the packets of a place; its mean error, the heading of the board, is taken out.
 fn blocks(place: &Place) -> Vec<Block> {
     let dir = tempfile::tempdir().unwrap();
-    let path = |name: &str| dir.path().join(name).to_string_lossy().into_owned();
-    let ([slots, samples], packets) = (SLOTS, place.beacons.len());
-    let parts = place.values.iter().flatten().map(|part| *part as f32);
-    let shape = format!("({packets}, {slots}, {samples})");
-    std::fs::write(path("f.npy"), npy("<c8", &shape, &parts.flat_map(f32::to_le_bytes).collect::<Vec<_>>())).unwrap();
-    let beacons: Vec<u8> = place.beacons.iter().flat_map(|beacon| beacon.to_le_bytes()).collect();
-    std::fs::write(path("e.npy"), npy("<i4", &format!("({packets},)"), &beacons)).unwrap();
+    let path = |name: &str| text(&dir.path().join(name));
+    place.write(dir.path());
     std::fs::write(path("a.toml"), recording::array()).unwrap();
     let (f, e, a) = (path("f.npy"), path("e.npy"), path("a.toml"));
-    let output = run(&["bearing", "--switched", &f, "--array", &a, "--emitter", &e, "--json"]);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let lines: Vec<Value> =
-        String::from_utf8(output.stdout).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let lines = run_json_lines(&["bearing", "--switched", &f, "--array", &a, "--emitter", &e, "--json"]);
+    let packets = place.beacons.len();
     assert_eq!(lines.len(), packets);
 
     let bearing = |line: &Value, truth: f64| {
@@ -189,9 +182,9 @@ fn bearings_of_recorded_packets_lead_through_pillar_forests() {
 
     let dir = tempfile::tempdir().unwrap();
     let pairs = std::env::var("FOXHOUND_PAIRS").unwrap_or_else(|_| "4".to_owned());
-    let (out, seed) = (dir.path().to_string_lossy().into_owned(), seeds::TEST.start);
-    let text = seed.to_string();
-    let made = ["maps", "--json", "--seed", &text, "--pairs", &pairs, "--drone-radius", "0.15", "--out", &out];
+    let (out, seed) = (text(dir.path()), seeds::TEST.start);
+    let made =
+        ["maps", "--json", "--seed", &seed.to_string(), "--pairs", &pairs, "--drone-radius", "0.15", "--out", &out];
     assert_eq!(run_json(&made).0, 0);
     let suite = std::fs::read_to_string(dir.path().join("suite.json")).unwrap();
     let mut suite: Value = serde_json::from_str(&suite).unwrap();
@@ -206,19 +199,8 @@ fn bearings_of_recorded_packets_lead_through_pillar_forests() {
         for planned in &mut flights {
             planned.scenario.explore_s = search_s;
         }
-        let (next, given) = (AtomicUsize::new(0), AtomicUsize::new(0));
-        let work = || {
-            let mut ended = Vec::new();
-            while let Some(planned) = flights.get(next.fetch_add(1, Ordering::Relaxed)) {
-                ended.push(fly(planned, &blocks, PATIENCE / rate_hz, &given));
-            }
-            ended
-        };
-        let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        let ended: Vec<Ended> = std::thread::scope(|scope| {
-            let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-            workers.into_iter().flat_map(|worker| worker.join().unwrap()).collect()
-        });
+        let given = AtomicUsize::new(0);
+        let ended = in_parallel(&flights, |planned| fly(planned, &blocks, PATIENCE / rate_hz, &given));
         let count = |result: Ending| ended.iter().filter(|ended| ended.result == result).count();
         let (reached, collisions) = (count(Ending::Reached), count(Ending::Collision));
         let silent = ended.iter().filter(|ended| ended.result != Ending::Reached && ended.is_silent).count();

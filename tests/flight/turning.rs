@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use foxhound_sim::study::seeds;
-use foxhound_tests::{root, run_json};
+use foxhound_tests::{in_parallel, root, run_json};
 use serde_json::{Value, json};
 
 const SEEDS: u64 = 12;
@@ -13,22 +13,14 @@ fn scenario(name: &str) -> Value {
     serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap()
 }
 
-/// Flies a scenario with many seeds on two threads.
+/// Flies a scenario with many seeds.
 fn fly(scenario: &Value, count: u64) -> Vec<(i32, Value)> {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("scenario.json");
     std::fs::write(&file, scenario.to_string()).unwrap();
     let path = file.to_string_lossy();
-    let fly_from = |first: usize| {
-        let seeds = seeds::test(count).skip(first).step_by(2).map(|seed| seed.to_string());
-        seeds.map(|seed| run_json(&["fly", "--json", "--scenario", &path, "--seed", &seed])).collect::<Vec<_>>()
-    };
-    std::thread::scope(|scope| {
-        let other = scope.spawn(|| fly_from(1));
-        let mut flights = fly_from(0);
-        flights.extend(other.join().unwrap());
-        flights
-    })
+    let seeds: Vec<String> = seeds::test(count).map(|seed| seed.to_string()).collect();
+    in_parallel(&seeds, |seed| run_json(&["fly", "--json", "--scenario", &path, "--seed", seed]))
 }
 
 fn number(report: &Value, field: &str) -> f64 {

@@ -1,8 +1,5 @@
 //! The same pictures through `OpenCV`: a mask in HSV and Hough's circles, and the best contour. `cargo xtask test` installs it.
 
-use std::io::Write as _;
-use std::process::Stdio;
-
 use foxhound_core::landing::observation::Seen;
 use foxhound_pad::Format;
 use foxhound_pad::{Camera, Config, WEIGHTS};
@@ -11,25 +8,14 @@ use foxhound_sim::world::camera::grounds::{Grounds, View};
 use foxhound_sim::world::camera::random::{Recipe, shot};
 use foxhound_sim::world::camera::watch::alone;
 use foxhound_sim::world::camera::{Frame, Size};
-use foxhound_tests::{python, root};
+use foxhound_tests::{piped_through, root};
 use serde_json::Value;
 
 const FRAMES: u64 = 800;
 
 /// What `OpenCV` finds in some pictures, each behind the radius that the pad should have.
 fn find_pads(input: Vec<u8>) -> Value {
-    let mut child = python()
-        .arg(root().join("tests/peers/find_pads.py"))
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut stdin = child.stdin.take().unwrap();
-    let writer = std::thread::spawn(move || stdin.write_all(&input));
-    let output = child.wait_with_output().unwrap();
-    assert!(output.status.success());
-    writer.join().unwrap().unwrap();
-    serde_json::from_slice(&output.stdout).unwrap()
+    serde_json::from_slice(&piped_through("find_pads.py", &[""; 0], input)).unwrap()
 }
 
 /// Found, of how many, and the rms of the centres over the picture's width.
@@ -124,11 +110,10 @@ fn the_detector_finds_more_and_invents_less_than_opencv_on_the_same_pictures() {
 #[ignore = "needs Python with OpenCV: cargo xtask test"]
 fn what_opencv_draws_is_seen_as_well_and_hardly_anything_else_is() {
     let detector = Config::default().build().unwrap();
-    let output = python().arg(root().join("tests/peers/draw_pads.py")).output().unwrap();
-    assert!(output.status.success());
+    let drawn = piped_through("draw_pads.py", &[""; 0], Vec::new());
     // With a pad and without: how many there are, and in how many one is seen.
     let mut counts = [[0_u32; 2]; 2];
-    for case in output.stdout.as_chunks::<{ 5 + 3 * 160 * 120 }>().0 {
+    for case in drawn.as_chunks::<{ 5 + 3 * 160 * 120 }>().0 {
         let height_m = f32::from_le_bytes([case[1], case[2], case[3], case[4]]);
         let code = |[r, g, b]: &[u8; 3]| u16::from(r >> 3) << 11 | u16::from(g >> 2) << 5 | u16::from(b >> 3);
         let bytes = case[5..].as_chunks().0.iter().flat_map(|rgb| code(rgb).to_le_bytes()).collect();

@@ -1,6 +1,6 @@
 //! `foxhound pad`.
 
-use foxhound_tests::{run, run_json};
+use foxhound_tests::{assert_refused, run_json};
 
 /// `foxhound pad` finds the pad in a picture that it draws, and again in that picture's file.
 #[test]
@@ -41,11 +41,5 @@ fn bad_pictures_and_options_are_refused_by_name() {
         (&["--grounds", &folder], &["--grounds", "broken.png", "PNG"]),
         (&["--grounds", &folder, "--grey"], &["--grey"]),
     ];
-    for (arguments, words) in cases {
-        let output = run(&[&["pad", "--json"], *arguments].concat());
-        let text = String::from_utf8_lossy(&output.stderr);
-        assert_eq!((output.status.code(), output.stdout.len()), (Some(2), 0), "{arguments:?}: {text}");
-        assert!(words.iter().all(|word| text.contains(word)), "{arguments:?}: {words:?} in {text}");
-        assert!(!text.contains("panicked"), "{arguments:?}: {text}");
-    }
+    assert_refused(&["pad", "--json"], cases);
 }
