@@ -144,7 +144,6 @@ class Uart(Block):
         require(value == old or not self.value["CR1"] & 1, "uart-locked", f"{self.name}.BRR, {self.core.where()}")
         self.value["BRR"] = value
         self.checked = False
-        self.checked = False
 
     def write_CR3(self, value, old):
         self.sync()
