@@ -20,14 +20,13 @@ use foxhound_sim::drive::replay::{Summary, replay};
 use foxhound_sim::scenario::Scenario;
 use foxhound_tests::{qemu_image, refused, root, run, run_json, station};
 
-/// A computer in whose link somebody sets a parameter.
-struct Station {
-    inner: Box<dyn Computer>,
-    at: Instant,
-    is_done: bool,
+/// A computer that is disturbed before each step; what it is told beside what the autopilot says.
+struct Disturbed<C: ?Sized, F> {
+    inner: Box<C>,
+    disturb: F,
 }
 
-impl Computer for Station {
+impl<C: Computer + ?Sized, F: FnMut(&mut C, Instant) -> Vec<u8>> Computer for Disturbed<C, F> {
     fn step(
         &mut self,
         now: Instant,
@@ -35,11 +34,8 @@ impl Computer for Station {
         circles: Option<&[Circle]>,
         rx: &[u8],
     ) -> Result<StepReport, ComputerError> {
-        let mut rx = rx.to_vec();
-        if now >= self.at && !std::mem::replace(&mut self.is_done, now >= self.at) {
-            rx.extend_from_slice(&station::set(param::FH_SPD_MAX, 0.7));
-        }
-        self.inner.step(now, front_end, circles, &rx)
+        let told = (self.disturb)(&mut self.inner, now);
+        self.inner.step(now, front_end, circles, &[rx, &told].concat())
     }
 
     fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
@@ -102,8 +98,12 @@ fn every_flight_is_flown_again(computer: impl Fn(&Mission) -> Box<dyn Computer>)
     scenario.vehicle.autopilot = foxhound_sim::scenario::Software::Px4;
     let mission = mission(scenario);
     let untouched = flown(&mission, computer(&mission)).1;
-    let station = Station { inner: computer(&mission), at: Instant(400_000), is_done: false };
-    let (_, trace_hash, summary) = flown(&mission, Box::new(station));
+    let mut is_set = false;
+    let disturb = move |_: &mut (dyn Computer + 'static), now: Instant| {
+        let is_time = now >= Instant(400_000) && !std::mem::replace(&mut is_set, now >= Instant(400_000));
+        if is_time { station::set(param::FH_SPD_MAX, 0.7) } else { Vec::new() }
+    };
+    let (_, trace_hash, summary) = flown(&mission, Box::new(Disturbed { inner: computer(&mission), disturb }));
     assert!(summary.is_identical(), "{summary:?}");
     assert_eq!(summary.trace_hash, trace_hash);
     assert_ne!(untouched, trace_hash, "the parameter was set and meant something");
@@ -185,41 +185,6 @@ fn a_flight_of_the_firmware_is_flown_again_to_the_last_bit() {
     every_flight_is_flown_again(twin);
 }
 
-/// The firmware, whose planner is starved now and then.
-struct Starved(QemuComputer);
-
-impl Computer for Starved {
-    fn step(
-        &mut self,
-        now: Instant,
-        front_end: FrontEnd<'_, BLOCK>,
-        circles: Option<&[Circle]>,
-        rx: &[u8],
-    ) -> Result<StepReport, ComputerError> {
-        // For longer than a handover takes, and for shorter.
-        if matches!(now.0 / 20_000 % 150, 20..70 | 90..93) {
-            self.0.inject(Fault::StarvePlanner);
-        }
-        Computer::step(&mut self.0, now, front_end, circles, rx)
-    }
-
-    fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
-        Computer::see(&mut self.0, bytes)
-    }
-
-    fn turn(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
-        Computer::turn(&mut self.0, bytes)
-    }
-
-    fn log_flight(&mut self) {
-        self.0.log_flight();
-    }
-
-    fn take_flight_log(&mut self) -> Vec<u8> {
-        self.0.take_flight_log()
-    }
-}
-
 /// Plans that arrived late in flight are applied at the same steps in the replay.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
@@ -227,8 +192,15 @@ fn plans_that_come_late_are_handed_in_at_their_steps_again() {
     let mission = mission(Scenario::built_in());
     let undisturbed = flown(&mission, host(&mission)).1;
     let setup = Setup { guidance: mission.guidance(), needs_entry: false };
-    let starved = Starved(QemuComputer::start(Path::new(&qemu_image()), &setup).unwrap());
-    let (_, trace_hash, summary) = flown(&mission, Box::new(starved));
+    let inner = Box::new(QemuComputer::start(Path::new(&qemu_image()), &setup).unwrap());
+    let disturb = |computer: &mut QemuComputer, now: Instant| {
+        // For longer than a handover takes, and for shorter.
+        if matches!(now.0 / 20_000 % 150, 20..70 | 90..93) {
+            computer.inject(Fault::StarvePlanner);
+        }
+        Vec::new()
+    };
+    let (_, trace_hash, summary) = flown(&mission, Box::new(Disturbed { inner, disturb }));
     assert!(summary.is_identical(), "{summary:?}");
     assert_eq!(summary.trace_hash, trace_hash);
     assert_ne!(trace_hash, undisturbed, "late plans mean something");
