@@ -413,6 +413,7 @@ pub(super) fn flags(flags: Flags) -> Vec<&'static str> {
         (Flags::AMBIGUOUS, "ambiguous"),
         (Flags::UNCALIBRATED, "uncalibrated"),
         (Flags::NO_SIGNAL, "no_signal"),
+        (Flags::NOT_FINITE, "not_finite"),
     ];
     names.into_iter().filter(|(flag, _)| flags.contains(*flag)).map(|(_, name)| name).collect()
 }

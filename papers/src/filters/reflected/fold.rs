@@ -17,7 +17,7 @@ const ON_LINE_M: f32 = 1e-3;
 ///
 /// The lines are taken as unbounded: near the ends of a wall noise moves the ray off it, not the reflection.
 ///
-/// If the ray meets no line.
+/// # Errors
 /// Where the ray meets no line.
 #[inline]
 pub fn fold(lines: &[Wall], sighting: &Sighting) -> Result<Sighting, Degenerate> {
