@@ -185,10 +185,12 @@ impl Scenario {
     /// # Errors
     /// The path of the first key that is unknown, of the wrong type or out of range.
     pub fn parse(text: &str) -> Result<Self, InputError> {
-        SCHEMA.read::<Self>(text)?.checked()
+        let scenario = SCHEMA.read::<Self>(text)?.checked()?;
+        scenario.refuse_start_inside()?;
+        Ok(scenario)
     }
 
-    /// Checks every number.
+    /// Checks every number. Whether the start is free is not asked: beside a real autopilot it is not known yet.
     ///
     /// # Errors
     /// The path of the first field out of range, its value and the range.
@@ -210,7 +212,6 @@ impl Scenario {
             let length = libm::hypot(wall.x1 - wall.x0, wall.y1 - wall.y0);
             check(&format!("walls[{index}]: its length"), length, 0.1, 1000.0 * wall.r)?;
         }
-        self.refuse_start_inside()?;
         let needs_noise = [
             ("bearing.place_bias_deg", self.bearing.place_bias_deg != 0.0),
             ("bearing.rate_hz", self.bearing.rate_hz.is_some()),

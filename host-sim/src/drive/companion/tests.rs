@@ -6,6 +6,8 @@ fn an_obstacle_file_is_read_strictly() {
     let read = parse_obstacles(r#"{"obstacles":[{"x":1,"y":2.5,"r":0.3},{"x":-1,"y":0,"r":1}]}"#).unwrap();
     assert_eq!((read.len(), read[0].x, read[0].y, read[1].x), (2, 1.0, 2.5, -1.0));
     assert!(parse_obstacles(r#"{"obstacles":[]}"#).unwrap().is_empty());
+    // Where the vehicle starts, only the autopilot knows.
+    assert_eq!(parse_obstacles(r#"{"obstacles":[{"x":1,"y":1,"r":0.3}]}"#).unwrap().len(), 1);
     for (text, words) in [
         (r#"{"obstacles":[{"x":1,"y":2,"r":0.3,"h":4}]}"#, "obstacles[0].h: unknown key"),
         (r#"{"obstacels":[]}"#, "obstac"),
