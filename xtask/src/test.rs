@@ -114,7 +114,7 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     for board in boards.iter().filter(|board| ![board::NUCLEO, board::TWIN].contains(&board.as_str())) {
         stages.run(&format!("image, {board}"), || fitting(board, Parts::default()))?;
     }
-    stages.run("tests, built", || attend(cargo().args(["test", "--no-run"])))?;
+    stages.run("tests, built", || attend(cargo().args(["test", "--release", "--no-run"])))?;
     if no_run {
         return Ok(());
     }
@@ -134,7 +134,7 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     } else {
         stages.left_out.push("the dependencies' advisories, whose database cannot be fetched here");
     }
-    // The same packages each time, so that nothing is built twice. Flights over a link are in real time and mostly wait: more of them
+    // The same packages each time, with the profile of `cargo run --release`, so that nothing is built twice. Flights over a link are in real time and mostly wait: more of them
     // than there are processors.
     for (name, kind, threads) in [
         ("tests, each crate", &["--lib", "--bins"][..], None),
@@ -144,7 +144,7 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
         ("tests, examples of the core", &["--package", "foxhound-core", "--examples"], None),
     ] {
         let mut test = cargo();
-        test.arg("test").args(kind).args(["--", "--include-ignored"]).args(threads);
+        test.args(["test", "--release"]).args(kind).args(["--", "--include-ignored"]).args(threads);
         test.env("FOXHOUND_QEMU_ELF", &twin.elf).env("FOXHOUND_G474_ELF", &nucleo.elf).env("FOXHOUND_PYTHON", &python);
         test.env("FOXHOUND_G474_IQ_ELF", &iq.elf);
         stages.run(name, || attend(&mut test))?;
