@@ -18,7 +18,6 @@ use foxhound_core::planning::explore::{self, Explored};
 use foxhound_papers::filters::cartesian;
 use foxhound_papers::filters::reflected::{Known, literal, unknown};
 use foxhound_papers::mixture;
-use foxhound_papers::rotating::{direction, pursuit};
 
 use super::{Draw, Noise, Reached};
 
@@ -332,7 +331,7 @@ fn several(draw: &mut Draw<'_>) -> Reached {
     reached
 }
 
-/// Readings of one antenna through the seeking, and what it hears through what joins rotations.
+/// Readings of one antenna through the seeking.
 fn seeking(draw: &mut Draw<'_>) -> Reached {
     let mut reached = Reached::default();
     let config = rotating::Config {
@@ -342,21 +341,10 @@ fn seeking(draw: &mut Draw<'_>) -> Reached {
         sigma_min_rad: draw.field(0.035, 1e-3, 1.0),
         ..rotating::Config::default()
     };
-    let joined = direction::Config {
-        outlier_rate: draw.field(0.4, 0.001, 0.95),
-        slow_rad: draw.field(0.02, 0.0, 1.0),
-        fast_rad: draw.field(1.0, 1.0, 10.0),
-        renewal_per_s: draw.field(2.0, 0.0, 100.0),
-        change_per_s: draw.field(0.02, 0.0, 100.0),
-    };
-    let pursued = pursuit::Config { direction: joined, polar: polar_config(draw) };
-    let (Ok(seeker), Ok(joiner), Ok(pursuer)) = (config.build(), joined.build(), pursued.build()) else {
-        return reached;
-    };
+    let Ok(seeker) = config.build() else { return reached };
     reached.configured = true;
-    let (mut state, mut joint) = (rotating::State::new(), direction::State::default());
-    let (mut resting, mut moving) = (pursuit::State::<2>::default(), pursuit::State::<4>::default());
-    let (mut now, mut yaw_rad, mut stream) = (Instant(0), 0.0, Stream::new(draw));
+    let mut state = rotating::State::new();
+    let (mut now, mut yaw_rad) = (Instant(0), 0.0);
     let (rate_rad, mut noise) = (draw.field(0.13, -1.6, 1.6), Noise(u64::from(draw.word())));
     while !draw.rest.is_empty() && reached.answers < STEPS_MAX {
         // A rotation or so of readings that are as they should be, then one that is not.
@@ -364,30 +352,12 @@ fn seeking(draw: &mut Draw<'_>) -> Reached {
             now = now.plus_micros(20_000);
             yaw_rad = (yaw_rad + rate_rad) % TAU;
             let power_db = -60.0 + config.pattern.gain_db(yaw_rad) + noise.gaussian();
-            listen(&seeker, &mut state, now, yaw_rad, power_db);
+            reached.usable += u32::from(listen(&seeker, &mut state, now, yaw_rad, power_db).is_some());
         }
         now = draw.instant(now);
         let (yaw, power_db) = (draw.any(-4.0, 4.0), draw.any(-120.0, 0.0));
         let rotation = listen(&seeker, &mut state, now, if draw.flag() { yaw } else { yaw_rad }, power_db);
-        let heard = stream.sighting(draw);
-        let (mut bearing_rad, mut sigma_rad) = (heard.direction_ned.bearing_rad(), heard.sigma_rad);
-        if let Some(rotation) = rotation {
-            (bearing_rad, sigma_rad) = (rotation.bearing_ned_rad, rotation.independent_sigma_rad());
-        } else if draw.below(8) == 0 {
-            (bearing_rad, sigma_rad) = (draw.any(-4.0, 4.0), draw.any(0.0, 4.0));
-        }
-        if let Some(known) = joiner.step(&mut joint, now, bearing_rad, sigma_rad) {
-            assert!(known.bearing_ned_rad.abs() <= PI + 1e-6 && known.sigma_rad >= 0.0, "{known:?}");
-            assert!(known.sigma_rad.is_finite() && (-1e-3..=1.001).contains(&known.fast), "{known:?}");
-            reached.usable += 1;
-        }
-        let courses = [
-            pursuer.step(&mut resting, now, heard.place_ned_m, bearing_rad, sigma_rad),
-            pursuer.step(&mut moving, now, heard.place_ned_m, bearing_rad, sigma_rad),
-        ];
-        for course in courses.into_iter().flatten() {
-            assert!(course.abs() <= PI + 1e-6, "{course} {heard:?}");
-        }
+        reached.usable += u32::from(rotation.is_some());
         reached.answers += 1;
     }
     reached

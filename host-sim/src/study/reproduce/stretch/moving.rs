@@ -25,7 +25,7 @@ const STEPS: u32 = 2400;
 /// Purpose of the random numbers.
 const DRAWS: u64 = 23;
 /// Names of the rules in the reports.
-const RULES: [&str; 3] = ["greedy", "direction_only", "filtered"];
+const RULES: [&str; 2] = ["greedy", "filtered"];
 
 /// How a source moves: from corner to corner, with a wait at each.
 struct Course {
@@ -86,7 +86,7 @@ pub struct Report {
     /// A course, a rate and a rule each.
     pub rows: Vec<Row>,
     #[serde(skip)]
-    tracks: Vec<[Vec<(f64, f64)>; 4]>,
+    tracks: Vec<[Vec<(f64, f64)>; 3]>,
 }
 
 /// A rule behind a source.
@@ -123,7 +123,7 @@ fn pursue(rule: &Rule, course: &Course, model: Model, random: Random, mut track:
 /// Runs the pursuits, a tenth as many as there are trials.
 pub(super) fn run(seed: u64, trials: u32) -> Result<Report, InputError> {
     let walks = (trials / 10).max(10);
-    let rules = Rule::moving()?;
+    let rules = Rule::all()?;
     let random = |trial: u32| Random::new(seed, DRAWS + (u64::from(trial) << 8));
     let mut rows = Vec::new();
     for course in &COURSES {
@@ -161,7 +161,7 @@ pub(super) fn run(seed: u64, trials: u32) -> Result<Report, InputError> {
             places
         };
         let source = (0..STEPS).map(|step| course.at(step).xy()).collect();
-        [source, track(&rules[0]), track(&rules[1]), track(&rules[2])]
+        [source, track(&rules[0]), track(&rules[1])]
     });
     Ok(Report { walks, steps: STEPS, rows, tracks: tracks.collect() })
 }
@@ -198,7 +198,7 @@ impl Report {
             title: course.name.replace('_', " "),
             x,
             y,
-            series: ["source", "greedy", "direction only", "filtered"]
+            series: ["source", "greedy", "filtered"]
                 .into_iter()
                 .zip(tracks)
                 .map(|(label, track)| Series { label: label.to_owned(), dashed: false, points: track.clone() })

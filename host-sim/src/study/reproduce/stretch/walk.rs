@@ -3,8 +3,7 @@
 use std::f64::consts::{PI, TAU};
 
 use foxhound_core::ConfigError;
-use foxhound_core::base::time::Instant;
-use foxhound_papers::rotating::{direction, pursuit};
+use foxhound_core::localize::source::{Sighting, bank};
 
 use crate::world::random::Random;
 use crate::world::{Horizontal, wrap_pi};
@@ -12,7 +11,9 @@ use crate::world::{Horizontal, wrap_pi};
 /// Length of a step, from rotation to rotation.
 pub(super) const STEP_M: f64 = 0.1;
 /// Time of a step: 1 m/s. The model has none; the filters want one.
-const STEP_US: u64 = 100_000;
+const STEP_S: f32 = 0.1;
+/// The least sigma that the filters are told: they divide by it.
+const SIGMA_MIN_RAD: f32 = 0.02;
 /// Distance at which the source is reached.
 pub(super) const REACHED_M: f64 = 1.0;
 
@@ -50,39 +51,26 @@ impl Model {
 pub(super) enum Rule {
     /// The paper: along the last measured direction.
     Greedy,
-    /// The direction filter: neither position nor range.
-    Direction(direction::Filter, Box<direction::State>),
-    /// Both filters, for a source at rest.
-    Filtered(pursuit::Pursuer, Box<pursuit::State<2>>),
-    /// Both filters, for a source that moves.
-    FilteredMoving(pursuit::Pursuer, Box<pursuit::State<4>>),
+    /// The filters that fly.
+    Filtered(bank::FilterBank, Box<bank::State>),
 }
 
 impl Rule {
-    /// The rules for a source at rest, in the order of the reports.
-    pub(super) fn resting() -> Result<[Self; 3], ConfigError> {
-        let [greedy, direction, _] = Self::moving()?;
-        Ok([greedy, direction, Self::Filtered(pursuit::Config::default().build()?, Box::default())])
-    }
-
-    /// The rules for a source that moves.
-    pub(super) fn moving() -> Result<[Self; 3], ConfigError> {
-        let direction = direction::Config::default().build()?;
-        let pursuer = pursuit::Config::default().build()?;
-        Ok([Self::Greedy, Self::Direction(direction, Box::default()), Self::FilteredMoving(pursuer, Box::default())])
+    /// The rules, in the order of the reports.
+    pub(super) fn all() -> Result<[Self; 2], ConfigError> {
+        Ok([Self::Greedy, Self::Filtered(bank::Config::DEFAULT.build()?, Box::new(bank::State::new()))])
     }
 
     /// Where to fly after this rotation.
-    fn course_rad(&mut self, step: u32, place: Horizontal, heard_rad: f64, sigma_rad: f64) -> f64 {
-        let time = Instant(u64::from(step) * STEP_US);
-        let (heard, sigma, place) = (heard_rad as f32, sigma_rad as f32, place.to_core());
-        let said = match self {
-            Self::Greedy => None,
-            Self::Direction(filter, state) => filter.step(state, time, heard, sigma).map(|known| known.bearing_ned_rad),
-            Self::Filtered(pursuer, state) => pursuer.step(state, time, place, heard, sigma),
-            Self::FilteredMoving(pursuer, state) => pursuer.step(state, time, place, heard, sigma),
+    fn course_rad(&mut self, place: Horizontal, heard_rad: f64, sigma_rad: f64) -> f64 {
+        let Self::Filtered(bank, state) = self else { return heard_rad };
+        let sighting = Sighting {
+            place_ned_m: place.to_core(),
+            direction_ned: Horizontal::from_bearing(heard_rad).to_core(),
+            sigma_rad: (sigma_rad as f32).max(SIGMA_MIN_RAD),
+            since_s: STEP_S,
         };
-        said.map_or(heard_rad, f64::from)
+        bank.step(state, &sighting, 0.0, &[]).map_or(heard_rad, |known| f64::from(known.estimate.bearing_ned_rad))
     }
 }
 
@@ -103,7 +91,7 @@ impl Walk {
     /// Measures the direction and takes a step (eq. 3); returns the distance to the source then.
     pub(super) fn step(&mut self, source: Horizontal) -> f64 {
         let heard_rad = self.model.heard_rad(source.minus(self.place).bearing_rad(), &mut self.random);
-        let course_rad = self.rule.course_rad(self.steps, self.place, heard_rad, self.model.sigma_rad);
+        let course_rad = self.rule.course_rad(self.place, heard_rad, self.model.sigma_rad);
         self.place = self.place.along(Horizontal::from_bearing(course_rad), STEP_M);
         self.steps += 1;
         source.minus(self.place).norm()
@@ -145,7 +133,7 @@ mod tests {
     #[test]
     fn without_noise_and_outliers_every_rule_flies_the_straight_line() {
         let model = Model { outlier_rate: 0.0, sigma_rad: 0.0, outliers: Outliers::Anywhere };
-        for rule in Rule::resting().unwrap() {
+        for rule in Rule::all().unwrap() {
             let walk = Walk::new(&rule, model, Horizontal { north: 50.0, east: 50.0 }, Random::new(1, 1));
             let stretch = walk.stretch(1000).unwrap();
             assert!((stretch - 69.8 / 70.71).abs() < 0.003, "{rule:?}: {stretch}");
