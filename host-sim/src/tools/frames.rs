@@ -34,6 +34,7 @@ use foxhound_core::doa::calibration::deviation::{Deviation, ORDER};
 use foxhound_core::doa::calibration::record::Calibration;
 use foxhound_core::signal::phase::{self, Complex};
 use npyz::{NpyFile, Order, WriterBuilder as _};
+use num_complex::Complex32;
 use serde::Deserialize;
 
 use crate::scenario::input::{
@@ -46,6 +47,18 @@ pub const BLOCK_LENGTHS: [usize; 5] = [64, 128, 256, 512, 1024];
 
 /// Samples of a channel that make one frame of a recording that has none of its own; a shorter one is one frame.
 pub(super) const FRAME: usize = 1024;
+
+/// A recording of complex samples, in frames.
+pub(super) struct Samples {
+    pub(super) channels: usize,
+    /// Of a frame.
+    pub(super) samples: usize,
+    /// The frames, channel after channel.
+    pub(super) values: Vec<Complex32>,
+    pub(super) is_real: bool,
+    /// The format.
+    pub(super) kind: String,
+}
 
 /// Where the frames of a recording begin. The last one is the last samples, some of which may be in the one before as well: none is
 /// left out.

@@ -20,7 +20,7 @@ use num_complex::{Complex32, Complex64};
 use rustfft::FftPlanner;
 
 use super::bearings::ArrayLine;
-use super::frames::{npy_type, read_npy};
+use super::frames::{Samples, npy_type, read_npy};
 use super::radio_array::RadioArray;
 use super::{sigmf, wav};
 use crate::scenario::input::{InputError, read_bytes};
@@ -81,7 +81,8 @@ impl Frames {
         Self::checked(read_frames(bytes)?, array.beam.count)
     }
 
-    fn checked((channels, samples, values, is_real, kind): Read, antennas: usize) -> Result<Self, InputError> {
+    fn checked(read: Samples, antennas: usize) -> Result<Self, InputError> {
+        let Samples { channels, samples, values, is_real, kind } = read;
         let wrong = |text: String| Err(InputError::new(text));
         if channels != antennas {
             return wrong(format!("channels = {channels}: antennas_m has {antennas}, shape (frames, channels, N)"));
@@ -136,10 +137,7 @@ impl Frames {
     }
 }
 
-/// What a file holds: channels, samples of a frame, the frames' values, channel after channel; whether they are real; the format.
-pub(super) type Read = (usize, usize, Vec<Complex32>, bool, String);
-
-fn read_frames(bytes: &[u8]) -> Result<Read, InputError> {
+fn read_frames(bytes: &[u8]) -> Result<Samples, InputError> {
     match npy_type(bytes).as_ref().map(|(name, _)| name.as_str()) {
         Some("<i2") => return whole::<i16>(bytes, "int16", 32_768.0),
         Some("|i1") => return whole::<i8>(bytes, "int8", 128.0),
@@ -149,7 +147,13 @@ fn read_frames(bytes: &[u8]) -> Result<Read, InputError> {
     let [_, channels, samples] = shape[..] else {
         return Err(InputError::new(format!("shape {shape:?}: expected (frames, channels, N)")));
     };
-    Ok((size(channels), size(samples), values, false, "complex64".to_owned()))
+    Ok(Samples {
+        channels: size(channels),
+        samples: size(samples),
+        values,
+        is_real: false,
+        kind: "complex64".to_owned(),
+    })
 }
 
 fn size(value: u64) -> usize {
@@ -157,7 +161,7 @@ fn size(value: u64) -> usize {
 }
 
 /// Integers, real and imaginary parts in turn.
-fn whole<T: npyz::Deserialize + Into<f32>>(bytes: &[u8], dtype: &str, full: f32) -> Result<Read, InputError> {
+fn whole<T: npyz::Deserialize + Into<f32>>(bytes: &[u8], dtype: &str, full: f32) -> Result<Samples, InputError> {
     let (shape, values) = read_npy::<T>(bytes, dtype)?;
     let [_, channels, samples, 2] = shape[..] else {
         return Err(InputError::new(format!("shape {shape:?}: expected (frames, channels, N, 2) of {dtype}")));
@@ -167,7 +171,8 @@ fn whole<T: npyz::Deserialize + Into<f32>>(bytes: &[u8], dtype: &str, full: f32)
     while let (Some(re), Some(im)) = (parts.next(), parts.next()) {
         complex.push(Complex32::new(re, im));
     }
-    Ok((size(channels), size(samples), complex, false, format!("{dtype}, I and Q")))
+    let kind = format!("{dtype}, I and Q");
+    Ok(Samples { channels: size(channels), samples: size(samples), values: complex, is_real: false, kind })
 }
 
 /// The results, one for each `looks` frames.

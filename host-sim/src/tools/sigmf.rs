@@ -9,20 +9,18 @@ use std::path::Path;
 use num_complex::Complex32;
 use serde_json::Value;
 
-use super::frames::{FRAME, frame_starts};
-use super::iq::Read;
+use super::frames::{FRAME, Samples, frame_starts};
 use crate::scenario::input::{InputError, read_bytes, read_text};
 
 /// Reads a recording.
 ///
 /// # Errors
 /// Names the file, the key and its value.
-pub(super) fn read(path: &Path, sample_rate_hz: f64) -> Result<Read, InputError> {
+pub(super) fn read(path: &Path, sample_rate_hz: f64) -> Result<Samples, InputError> {
     let (meta, data) = (path.with_extension("sigmf-meta"), path.with_extension("sigmf-data"));
     let about = Meta::parse(&read_text(&meta)?, sample_rate_hz).map_err(|error| error.in_file(&meta))?;
     let bytes = read_bytes(&data)?;
-    let (channels, samples, values) = about.frames(&bytes).map_err(|error| error.in_file(&data))?;
-    Ok((channels, samples, values, false, about.datatype.name().to_owned()))
+    about.frames(&bytes).map_err(|error| error.in_file(&data))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -97,7 +95,7 @@ impl Meta {
         Ok(Self { datatype, channels })
     }
 
-    fn frames(self, bytes: &[u8]) -> Result<(usize, usize, Vec<Complex32>), InputError> {
+    fn frames(self, bytes: &[u8]) -> Result<Samples, InputError> {
         let item = match self.datatype {
             Datatype::I16 => 4,
             Datatype::I8 | Datatype::U8 => 2,
@@ -126,6 +124,7 @@ impl Meta {
                 }));
             }
         }
-        Ok((self.channels, samples, values))
+        let Self { datatype, channels } = self;
+        Ok(Samples { channels, samples, values, is_real: false, kind: datatype.name().to_owned() })
     }
 }

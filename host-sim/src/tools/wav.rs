@@ -6,20 +6,19 @@ use std::path::Path;
 use hound::{SampleFormat, WavReader};
 use num_complex::Complex32;
 
-use super::frames::{FRAME, frame_starts};
-use super::iq::Read;
+use super::frames::{FRAME, Samples, frame_starts};
 use crate::scenario::input::{InputError, read_bytes};
 
 /// Reads a recording of an array: one channel per antenna is real samples, two per antenna are I and Q.
 ///
 /// # Errors
 /// Names the file, and the field of its header that does not fit.
-pub(super) fn read(path: &Path, antennas: usize, sample_rate_hz: f64) -> Result<Read, InputError> {
+pub(super) fn read(path: &Path, antennas: usize, sample_rate_hz: f64) -> Result<Samples, InputError> {
     let bytes = read_bytes(path)?;
     parse(&bytes, antennas, sample_rate_hz).map_err(|error| error.in_file(path))
 }
 
-fn parse(bytes: &[u8], antennas: usize, sample_rate_hz: f64) -> Result<Read, InputError> {
+fn parse(bytes: &[u8], antennas: usize, sample_rate_hz: f64) -> Result<Samples, InputError> {
     let unreadable = |error: hound::Error| InputError::new(format!("not a WAV file that can be read: {error}"));
     let mut reader = WavReader::new(Cursor::new(bytes)).map_err(unreadable)?;
     let spec = reader.spec();
@@ -63,7 +62,7 @@ fn parse(bytes: &[u8], antennas: usize, sample_rate_hz: f64) -> Result<Read, Inp
     }
     let sort = if is_real { "real samples" } else { "I and Q" };
     let format = if spec.sample_format == SampleFormat::Float { "float" } else { "int" };
-    Ok((antennas, samples, values, is_real, format!("WAV {format}{bits}, {sort}")))
+    Ok(Samples { channels: antennas, samples, values, is_real, kind: format!("WAV {format}{bits}, {sort}") })
 }
 
 #[cfg(test)]
@@ -78,7 +77,7 @@ mod tests {
         let mut writer = WavWriter::new(Cursor::new(&mut bytes), spec).unwrap();
         (0..2 * 2500_i16).for_each(|value| writer.write_sample(value).unwrap());
         writer.finalize().unwrap();
-        let (_, samples, values, ..) = parse(&bytes, 2, 1000.0).unwrap();
+        let Samples { samples, values, .. } = parse(&bytes, 2, 1000.0).unwrap();
         assert_eq!((samples, values.len()), (FRAME, 3 * 2 * FRAME));
         assert_eq!(values.last().unwrap().re, 4999.0 / 32_768.0);
     }
