@@ -187,7 +187,7 @@ fn evader_in_a_crowd(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
                 halfway_ned_mps: Horizontal::default(),
                 underway: &underway,
                 standing: &standing,
-                fence: &[],
+                fence: None,
                 moving: [&[], &moving[..people]],
             };
             let (mut state, asked) = (evade::State::default(), Horizontal { north: 1.0, east: 0.0 });
