@@ -80,9 +80,9 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
         let files = boards.iter().chain([&"host".to_owned()]).map(file).collect::<Vec<_>>();
         attend(Command::new("rustfmt").current_dir(workspace()).args(["--check", "--edition", "2024"]).args(files))
     })?;
-    stages.run("lints, host", || clippy(&["--workspace", "--all-targets"]))?;
+    stages.run("lints, host", || clippy(&["--release", "--workspace", "--all-targets"]))?;
     stages.run("lints, no camera", || {
-        clippy(&["--package", "foxhound-computer", "--no-default-features", "--all-targets"])
+        clippy(&["--release", "--package", "foxhound-computer", "--no-default-features", "--all-targets"])
     })?;
     if install_target(WINDOWS).is_ok() {
         stages.run("lints, Windows", || lint_elsewhere(WINDOWS, lints))?;
@@ -98,7 +98,7 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     }
     stages.run("documentation", || {
         let mut doc = cargo();
-        doc.args(["doc", "--no-deps", "--workspace"]);
+        doc.args(["doc", "--release", "--no-deps", "--workspace"]);
         attend(doc.env("RUSTDOCFLAGS", lints.join(" ")))
     })?;
     stages.run("packages", package)?;
@@ -114,7 +114,9 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     for board in boards.iter().filter(|board| ![board::NUCLEO, board::TWIN].contains(&board.as_str())) {
         stages.run(&format!("image, {board}"), || fitting(board, Parts::default()))?;
     }
-    stages.run("tests, built", || attend(cargo().args(["test", "--release", "--no-run"])))?;
+    stages.run("tests, built", || {
+        attend(cargo().args(["test", "--release", "--no-run", "--lib", "--bins", "--tests"]))
+    })?;
     if no_run {
         return Ok(());
     }
@@ -123,7 +125,7 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
         stages.run("panics, looked for in the machine code", || crate::panics::run(parts))?;
         stages.run("stack, at most", || crate::stack::run(parts))?;
     }
-    stages.run("tests, xtask", || attend(cargo().args(["test", "--package", "xtask"])))?;
+    stages.run("tests, xtask", || attend(cargo().args(["test", "--release", "--package", "xtask"])))?;
     let python = stages.run("peers", install_peers)?;
     stages.run("Python package", || install_package(&python))?;
     stages.run("dependencies, licences and sources", || {
@@ -160,7 +162,9 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
 /// Lints the command line for another system.
 pub(crate) fn lint_elsewhere(target: &str, lints: &[&str]) -> Result<(), Failure> {
     let mut clippy = cargo();
-    clippy.args(["clippy", "--target", target]).args(ELSEWHERE.map(|name| format!("--package=foxhound-{name}")));
+    clippy
+        .args(["clippy", "--release", "--target", target])
+        .args(ELSEWHERE.map(|name| format!("--package=foxhound-{name}")));
     // One dependency has assembly, for which there is no assembler here. What it would make is needed by a linker only.
     clippy.env("CC_aarch64_apple_darwin", "true").env("AR_aarch64_apple_darwin", "true");
     attend(clippy.arg("--").args(lints))
