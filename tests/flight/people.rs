@@ -9,11 +9,12 @@ use std::fs::File;
 use std::path::Path;
 
 use flate2::read::GzDecoder;
-use foxhound_sim::drive::flight::Ending;
+use foxhound_sim::drive::flight::{Ending, Report};
 use foxhound_sim::scenario::Scenario;
 use foxhound_sim::study::{flight, seeds};
 use foxhound_sim::world::random::Random;
 use foxhound_tests::root;
+use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
 mod following;
@@ -55,17 +56,17 @@ fn scenario(world: &Value, setting: &str, vehicle: &str) -> Scenario {
 
 /// Flies scenarios with waveforms at 20 dB in a setting, beside a vehicle model.
 fn fly(worlds: &[Value], setting: &str, vehicle: &str) -> Row {
-    let mut row = Row { flights: worlds.len(), hit: 0, reached: 0, pace_spm: 0.0 };
-    for (world, seed) in worlds.iter().zip(seeds::TEST) {
-        let report = flight::report(scenario(world, setting, vehicle), seed, |_| ()).unwrap();
-        row.hit += usize::from(report.collisions > Some(0));
-        if report.result == Ending::Reached {
-            row.reached += 1;
-            row.pace_spm += report.time_s / report.straight_line_m.unwrap();
-        }
+    let seeded: Vec<(&Value, u64)> = worlds.iter().zip(seeds::TEST).collect();
+    let fly = |(world, seed): &(&Value, u64)| flight::report(scenario(world, setting, vehicle), *seed, |_| ()).unwrap();
+    let reports: Vec<Report> = seeded.par_iter().map(fly).collect();
+    let reached: Vec<&Report> = reports.iter().filter(|report| report.result == Ending::Reached).collect();
+    let pace = |report: &&Report| report.time_s / report.straight_line_m.unwrap();
+    Row {
+        flights: worlds.len(),
+        hit: reports.iter().filter(|report| report.collisions > Some(0)).count(),
+        reached: reached.len(),
+        pace_spm: reached.iter().map(pace).sum::<f64>() / reached.len().max(1) as f64,
     }
-    row.pace_spm /= row.reached.max(1) as f64;
-    row
 }
 
 /// Flies the settings and holds each to the most flights that may hit somebody, and the fewest that have to arrive.
@@ -85,9 +86,9 @@ fn hold(worlds: &[Value], settings: &[(&str, &str, &str, usize, usize)]) {
 fn compare(worlds: &[Value], rows: &[(&str, Policy, f64, usize)]) {
     let mut off = Vec::new();
     for (name, policy, v_max_mps, are_hit) in rows {
-        let seeded = worlds.iter().zip(seeds::TEST);
-        let flown: Vec<policies::Flown> =
-            seeded.map(|(world, seed)| policies::fly(world, seed, *policy, *v_max_mps)).collect();
+        let seeded: Vec<(&Value, u64)> = worlds.iter().zip(seeds::TEST).collect();
+        let fly = |(world, seed): &(&Value, u64)| policies::fly(world, *seed, *policy, *v_max_mps);
+        let flown: Vec<policies::Flown> = seeded.par_iter().map(fly).collect();
         let hit = flown.iter().filter(|flight| flight.hit).count();
         let paces: Vec<f64> = flown.iter().filter_map(|flight| flight.pace_spm).collect();
         let (count, pace_spm) = (worlds.len(), paces.iter().sum::<f64>() / paces.len() as f64);
