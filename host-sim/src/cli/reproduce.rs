@@ -55,8 +55,8 @@ enum Name {
     ApfDensity,
     /// The closed loop among reflecting walls, with and without the filters that follow the bearing.
     Multipath,
-    /// Filters in line of sight and behind walls; paths on which bearings give more information (mmWave paper, fig.
-    /// 2 to 4 and Table 2).
+    /// EKF and other filters in line of sight and behind walls; paths planned in belief space, on which bearings give
+    /// more information (mmWave paper, fig. 2 to 4 and Table 2).
     Localize,
     /// Agents that search for a transmitter indoors by its angle of arrival (mmWave paper, Table 3, fig. 5
     /// and 6).
