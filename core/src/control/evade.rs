@@ -14,7 +14,6 @@
 
 use heapless::Vec;
 
-use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Neighbour;
@@ -47,76 +46,26 @@ const HIT_S: f32 = 0.3;
 const FAST_COST: f32 = 1.0;
 /// A margin smaller than this counts as this.
 const MARGIN_MIN_M: f32 = 0.01;
+/// How far ahead moving obstacles are predicted, straight on.
+const HORIZON_S: f32 = 4.0;
+/// Kept from moving obstacles, beside the two radii and what they move in 0.1 s.
+const MARGIN_M: f32 = 0.05;
+/// By so much more for each second ahead.
+const MARGIN_RATE_MPS: f32 = 0.03;
+/// Clearance below which a velocity costs something.
+const COMFORT_M: f32 = 0.3;
+/// Cost of a hit.
+const HIT_COST: f32 = 200.0;
+/// Cost of no clearance.
+const CLEARANCE_COST: f32 = 1.5;
+/// Cost of another velocity than the last.
+const CHANGE_COST: f32 = 0.05;
 
-/// Configuration of the evader.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Config {
-    /// How far ahead moving obstacles are predicted, straight on.
-    pub horizon_s: f32,
-    /// Kept from moving obstacles, beside the two radii and what they move in 0.1 s.
-    pub margin_m: f32,
-    /// By so much more for each second ahead.
-    pub margin_rate_mps: f32,
-    /// Clearance below which a velocity costs something.
-    pub comfort_m: f32,
-    /// Cost of a hit.
-    pub hit_cost: f32,
-    /// Cost of no clearance.
-    pub clearance_cost: f32,
-    /// Cost of another velocity than the last.
-    pub change_cost: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            horizon_s: 4.0,
-            margin_m: 0.05,
-            margin_rate_mps: 0.03,
-            comfort_m: 0.3,
-            hit_cost: 200.0,
-            clearance_cost: 1.5,
-            change_cost: 0.05,
-        }
-    }
-}
-
-impl Config {
-    /// Checks the configuration for a vehicle with its limits of speed, cruising and evading, and of acceleration.
-    ///
-    /// # Errors
-    /// The field that is out of range.
-    pub fn build(
-        &self,
-        vehicle_model: &VehicleModel,
-        v_max_mps: f32,
-        fast_mps: f32,
-        a_max_mps2: f32,
-    ) -> Result<Evader, ConfigError> {
-        check("evade.horizon_s", self.horizon_s, 0.5, 30.0)?;
-        check("evade.margin_m", self.margin_m, 0.0, 5.0)?;
-        check("evade.margin_rate_mps", self.margin_rate_mps, 0.0, 1.0)?;
-        check("evade.comfort_m", self.comfort_m, 0.01, 5.0)?;
-        check("evade.hit_cost", self.hit_cost, 0.0, 1e4)?;
-        check("evade.clearance_cost", self.clearance_cost, 0.0, 1e3)?;
-        check("evade.change_cost", self.change_cost, 0.0, 1e3)?;
-        let (dead_steps, lag_s) = vehicle_model.twice_lagged();
-        let step_s = (TURN_S + 2.0 * LAGS * lag_s) / STEPS as f32;
-        // Beyond the roll-out, however slow the vehicle is.
-        let least_s = step_s * STEPS as f32 + STANDING_S;
-        let horizon_s = if self.horizon_s > least_s { self.horizon_s } else { least_s };
-        let tick_s = vehicle_model.tick_s();
-        let fast_mps = if fast_mps > v_max_mps { fast_mps } else { v_max_mps };
-        let config = Self { horizon_s, ..*self };
-        Ok(Evader { config, v_max_mps, fast_mps, a_max_mps2, tick_s, dead_steps, lag_s, step_s })
-    }
-}
-
-/// The configured stage.
+/// The stage, for a vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evader {
-    config: Config,
+    /// [`HORIZON_S`], or beyond the roll-out.
+    horizon_s: f32,
     v_max_mps: f32,
     /// Largest speed while evading, at least `v_max_mps`.
     fast_mps: f32,
@@ -184,12 +133,25 @@ struct Foreseen {
 }
 
 impl Foreseen {
-    fn cost(&self, config: &Config) -> f32 {
-        config.hit_cost * self.hit_per_s + config.clearance_cost * self.closeness
+    fn cost(&self) -> f32 {
+        HIT_COST * self.hit_per_s + CLEARANCE_COST * self.closeness
     }
 }
 
 impl Evader {
+    /// For a vehicle with its limits of speed, cruising and evading, and of acceleration.
+    #[must_use]
+    pub fn new(vehicle_model: &VehicleModel, v_max_mps: f32, fast_mps: f32, a_max_mps2: f32) -> Self {
+        let (dead_steps, lag_s) = vehicle_model.twice_lagged();
+        let step_s = (TURN_S + 2.0 * LAGS * lag_s) / STEPS as f32;
+        // Beyond the roll-out, however slow the vehicle is.
+        let least_s = step_s * STEPS as f32 + STANDING_S;
+        let horizon_s = if HORIZON_S > least_s { HORIZON_S } else { least_s };
+        let tick_s = vehicle_model.tick_s();
+        let fast_mps = if fast_mps > v_max_mps { fast_mps } else { v_max_mps };
+        Self { horizon_s, v_max_mps, fast_mps, a_max_mps2, tick_s, dead_steps, lag_s, step_s }
+    }
+
     /// The velocity to fly in place of the one that is asked for; `None`: that is clear of all that moves, or the least bad. The guard
     /// then holds it to what has been seen, as ever.
     #[inline(never)]
@@ -199,7 +161,6 @@ impl Evader {
             *state = State::default();
             return None;
         }
-        let c = &self.config;
         let asked = asked.clamped(self.v_max_mps);
         let from = self.obeys_from(input);
         let (start, dead_s) = (from.position, self.dead_steps as f32 * self.tick_s);
@@ -208,15 +169,15 @@ impl Evader {
             let at_m = other.center_ned_m.plus(other.velocity_ned_mps.times(dead_s));
             let away_m = at_m.minus(start).norm();
             let reach_s = (away_m - other.reach_m) / (self.fast_mps + other.velocity_ned_mps.norm());
-            if reach_s > c.horizon_s {
+            if reach_s > self.horizon_s {
                 continue;
             }
             let wanted_m =
-                other.reach_m + c.margin_m + EARLY_S * other.velocity_ned_mps.norm() + c.margin_rate_mps * dead_s;
+                other.reach_m + MARGIN_M + EARLY_S * other.velocity_ned_mps.norm() + MARGIN_RATE_MPS * dead_s;
             // One that is too near already must not come nearer.
             let keep_m = if wanted_m < away_m - 0.01 { wanted_m } else { away_m - 0.01 };
             let velocity_mps = other.velocity_ned_mps;
-            let one = Other { at_m, velocity_mps, reach_m: other.reach_m, keep_m, rate_mps: c.margin_rate_mps };
+            let one = Other { at_m, velocity_mps, reach_m: other.reach_m, keep_m, rate_mps: MARGIN_RATE_MPS };
             keep_nearest(&mut moving, start, one);
         }
         if moving.is_empty() {
@@ -270,15 +231,15 @@ impl Evader {
         let cruise_mps = 1.001 * self.v_max_mps;
         let mut consider = |velocity: Horizontal| {
             let mut progress = if speed > 1e-3 {
-                c.horizon_s * (1.0 - velocity.dot(towards) / speed)
+                self.horizon_s * (1.0 - velocity.dot(towards) / speed)
             } else {
-                velocity.norm() * c.horizon_s / self.v_max_mps
+                velocity.norm() * self.horizon_s / self.v_max_mps
             };
             if velocity.norm_squared() > cruise_mps * cruise_mps {
                 // Evading fast must not pay off as a way to arrive earlier.
                 progress = FAST_COST + if progress > 0.0 { progress } else { 0.0 };
             }
-            let given_up = progress + c.change_cost * velocity.minus(last).norm();
+            let given_up = progress + CHANGE_COST * velocity.minus(last).norm();
             if given_up < least {
                 let cost = given_up + self.foresee(&from, velocity, &moving, still, least - given_up);
                 if cost < least {
@@ -330,7 +291,6 @@ impl Evader {
     /// Predicts a flight at one velocity: what its hits and clearance cost, or at least so much as to be no better than the best.
     #[inline(never)]
     fn foresee(&self, from: &Start, velocity: Horizontal, moving: &[Other], still: [&[Other]; 2], least: f32) -> f32 {
-        let c = &self.config;
         let (mut legs, mut flown) = ([Leg::default(); STEPS], *from);
         for leg in &mut legs {
             let change = velocity.minus(flown.command).clamped(self.a_max_mps2 * self.step_s);
@@ -347,7 +307,7 @@ impl Evader {
         let last = Leg { at: flown.position.plus(kept_back), velocity };
         let mut foreseen = Foreseen::default();
         let [standing, fence] = still;
-        for (others, lasts_s) in [(moving, c.horizon_s - rolled_s), (standing, STANDING_S), (fence, STANDING_S)] {
+        for (others, lasts_s) in [(moving, self.horizon_s - rolled_s), (standing, STANDING_S), (fence, STANDING_S)] {
             for other in others {
                 let mut begun_s = 0.0;
                 for leg in &legs {
@@ -356,12 +316,12 @@ impl Evader {
                 }
                 self.meet(other, &last, rolled_s, lasts_s, &mut foreseen);
                 // It only grows with the others.
-                if foreseen.cost(c) >= least {
-                    return foreseen.cost(c);
+                if foreseen.cost() >= least {
+                    return foreseen.cost();
                 }
             }
         }
-        foreseen.cost(c)
+        foreseen.cost()
     }
 
     /// One straight leg against one other.
@@ -369,14 +329,13 @@ impl Evader {
         if foreseen.hit_per_s * (HIT_S + begun_s) >= 1.0 {
             return;
         }
-        let c = &self.config;
         let apart = leg.at.minus(other.at_m.plus(other.velocity_mps.times(begun_s)));
         let speed = leg.velocity.minus(other.velocity_mps);
         let (square, along) = (speed.norm_squared(), apart.dot(speed));
         let nearest_s = if square > 1e-9 { between(-along / square, 0.0, lasts_s) } else { 0.0 };
         let at_nearest = apart.plus(speed.times(nearest_s));
         let keep_m = other.keep_m + other.rate_mps * (begun_s + nearest_s);
-        let far_m = keep_m + c.comfort_m;
+        let far_m = keep_m + COMFORT_M;
         let squared = at_nearest.norm_squared();
         if squared >= far_m * far_m {
             return;
@@ -394,7 +353,7 @@ impl Evader {
                 foreseen.hit_per_s = hit_per_s;
             }
         }
-        let closeness = (1.0 - clearance_m / c.comfort_m) / (1.0 + 0.7 * (begun_s + nearest_s));
+        let closeness = (1.0 - clearance_m / COMFORT_M) / (1.0 + 0.7 * (begun_s + nearest_s));
         if closeness > foreseen.closeness {
             foreseen.closeness = closeness;
         }
@@ -457,7 +416,7 @@ mod tests {
     /// The least distance from a walker, of a vehicle of ArduCopter's delays that is asked for a velocity.
     fn least_m(fast_mps: f32, asked: Horizontal, from: Horizontal, walk_mps: Horizontal) -> f32 {
         let vehicle_model = vehicle_model::Config::default().build(TICK_S).unwrap();
-        let evader = Config::default().build(&vehicle_model, 1.0, fast_mps, 2.0).unwrap();
+        let evader = Evader::new(&vehicle_model, 1.0, fast_mps, 2.0);
         let (mut state, mut underway) = (State::default(), vehicle_model::State::default());
         let mut vehicle = Vehicle::new(Horizontal::default(), 4, 0.45);
         let (mut command, mut halfway, mut walker) = (Horizontal::default(), Horizontal::default(), from);
@@ -516,7 +475,7 @@ mod tests {
     #[test]
     fn what_is_clear_of_all_that_moves_passes_and_so_does_what_is_not_finite() {
         let vehicle_model = vehicle_model::Config::default().build(TICK_S).unwrap();
-        let evader = Config::default().build(&vehicle_model, 1.0, 2.0, 2.0).unwrap();
+        let evader = Evader::new(&vehicle_model, 1.0, 2.0, 2.0);
         let (underway, north) = (vehicle_model::State::default(), Horizontal { north: 1.0, east: 0.0 });
         let away = [Neighbour { center_ned_m: at(3.0, 2.0), reach_m: REACH_M, velocity_ned_mps: at(3.0, 1.0) }];
         let input = Input {
@@ -537,8 +496,7 @@ mod tests {
     #[test]
     fn in_any_crowd_the_answer_is_finite_and_within_the_speed_limit() {
         let vehicle_model = vehicle_model::Config { dead_time_s: 0.06, lag_s: 0.15 }.build(TICK_S).unwrap();
-        let [slow, fast] =
-            [0.0, 2.5].map(|fast_mps| Config::default().build(&vehicle_model, 1.5, fast_mps, 2.0).unwrap());
+        let [slow, fast] = [0.0, 2.5].map(|fast_mps| Evader::new(&vehicle_model, 1.5, fast_mps, 2.0));
         let (underway, mut state, mut rng) = (vehicle_model::State::default(), State::default(), Rng::new(24, 0));
         let (mut evaded, mut faster, mut kept) = (0, 0, 0);
         for number in 0..2_000 {

@@ -65,8 +65,6 @@ pub struct Config {
     pub wind: wind::Config,
     /// Waypoint tracker.
     pub track: track::Config,
-    /// The evader, which gives way to moving obstacles.
-    pub evade: evade::Config,
     /// Safety filter.
     pub guard: guard::Config,
     /// State machine.
@@ -104,7 +102,6 @@ impl Default for Config {
             vehicle_model: vehicle_model::Config::default(),
             wind: wind::Config::default(),
             track: track::Config::default(),
-            evade: evade::Config::default(),
             guard: guard::Config::default(),
             mission: mission::Config::default(),
             turning: None,
@@ -174,12 +171,12 @@ impl Config {
             vehicle_model,
             wind: self.wind.build(&vehicle_model, self.tick_s)?,
             track: self.track.build()?,
-            evade: self.evade.build(
+            evade: evade::Evader::new(
                 &vehicle_model,
                 self.guard.v_max_mps,
                 self.guard.evade_max_mps,
                 self.guard.a_max_mps2,
-            )?,
+            ),
             guard,
             mission: self.mission.build()?,
             turning: match &self.turning {

@@ -161,10 +161,10 @@ fn guard_among_obstacles(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
 /// What gets out of the way of 4 and of 16 people among 64 obstacles: the worst of some crowds.
 #[inline(never)]
 fn evader_in_a_crowd(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    let built = vehicle_model::Config::default()
-        .build(0.02)
-        .and_then(|response| evade::Config::default().build(&response, 1.0, 1.0, 2.0));
-    let Ok(evader) = built else { Twin::halt(format_args!("the built-in evader does not build")) };
+    let Ok(response) = vehicle_model::Config::default().build(0.02) else {
+        Twin::halt(format_args!("the built-in vehicle model does not build"))
+    };
+    let evader = evade::Evader::new(&response, 1.0, 1.0, 2.0);
     let underway = vehicle_model::State::default();
     for (name, people) in [("evade_4", 4), ("evade_16", 16)] {
         let mut worst = 0;
