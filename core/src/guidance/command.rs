@@ -57,7 +57,7 @@ impl<const N: usize> Guidance<N> {
             let ownship = state.vehicle.ownship.unwrap_or_default();
             let (standing, told) = near::told_apart(&state.surroundings.near);
             let mut followed = Vec::new();
-            near::followed(&self.guard, self.tracks.radius_m(), &state.surroundings.tracks, &mut followed);
+            near::followed(&self.guard, &state.surroundings.tracks, &mut followed);
             let evasion = self.evade.step(
                 &mut state.control.evade,
                 demand.velocity_ned_mps,

@@ -10,7 +10,7 @@ use crate::landing;
 use crate::localize::belief::Localizer;
 use crate::localize::goal;
 use crate::localize::source::bank;
-use crate::mapping::{lidar, map, scan, tracks};
+use crate::mapping::{lidar, map, scan};
 use crate::planning::planner::{self, Planner};
 use crate::planning::rollout::WAYPOINTS;
 use crate::signal::phase;
@@ -49,8 +49,6 @@ pub struct Config {
     pub scan: scan::Config,
     /// Obstacle memory.
     pub map: map::Config,
-    /// Tracks of moving obstacles.
-    pub tracks: tracks::Config,
     /// Filters that estimate the source's position.
     pub source: bank::Config,
     /// Whether reflections are considered.
@@ -94,7 +92,6 @@ impl Default for Config {
             lidar: None,
             scan: scan::Config::default(),
             map: map::Config::default(),
-            tracks: tracks::Config::default(),
             source: bank::Config::DEFAULT,
             reflections: true,
             goal: goal::Config::default(),
@@ -160,7 +157,6 @@ impl Config {
             bearing: self.bearing.build(self.array.build()?)?,
             scan: self.scan.build()?,
             map: self.map.build()?,
-            tracks: self.tracks.build()?,
             localizer: Localizer::build(
                 &self.goal,
                 &self.source,

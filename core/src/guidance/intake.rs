@@ -104,7 +104,7 @@ impl<const N: usize> Guidance<N> {
         let (now, ownship) = (input.now, state.vehicle.ownship);
         let pose = |time: Instant| pose_at(ownship.as_ref(), time);
         self.map.advance(&mut state.surroundings.map, now);
-        self.tracks.advance(&mut state.surroundings.tracks, now);
+        state.surroundings.tracks.advance(now);
         let circles =
             input.circles.map(|circles| pose(now).and_then(|pose| self.take_circles(state, now, circles, pose)));
         if let Some(points) = input.points {
@@ -149,7 +149,7 @@ impl<const N: usize> Guidance<N> {
             return Err(Refusal::Blind);
         }
         if scan.is_fine() {
-            self.tracks.observe_rays(&mut state.surroundings.tracks, scan, &pose);
+            state.surroundings.tracks.observe_rays(scan, &pose);
         }
         self.map_scan(state, now, scan, pose)
     }
@@ -159,9 +159,9 @@ impl<const N: usize> Guidance<N> {
         let mut look = Segmentation::default();
         self.scan.fit_into(&mut look, scan, &pose)?;
         if !scan.is_fine() {
-            self.tracks.observe(&mut state.surroundings.tracks, scan, &pose, &look.points_m);
+            state.surroundings.tracks.observe(scan, &pose, &look.points_m);
         }
-        let (centers_ned_m, radius_m) = self.tracks.left_by(&state.surroundings.tracks);
+        let (centers_ned_m, radius_m) = state.surroundings.tracks.left_by();
         self.map.vacate(&mut state.surroundings.map, now, &centers_ned_m, radius_m);
         self.map.observe_scan(&mut state.surroundings.map, now, scan, &pose, &look);
         Ok(pose)

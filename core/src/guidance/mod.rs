@@ -21,8 +21,8 @@ use crate::landing::observation::PadObservation;
 use crate::landing::{self, Lander};
 use crate::localize::belief;
 use crate::localize::source::support::SourcePosition;
+use crate::mapping::map;
 use crate::mapping::scan::{self, Points, Scan};
-use crate::mapping::{map, tracks};
 use crate::planning::planner::Answer;
 use crate::signal::phase::{self, Phasors};
 
@@ -172,7 +172,6 @@ pub struct Guidance<const N: usize> {
     bearing: bearing::BearingEstimator,
     scan: scan::Segmenter,
     map: map::Mapper,
-    tracks: tracks::Tracker,
     localizer: belief::Localizer,
     searches: bool,
     vehicle_model: vehicle_model::VehicleModel,

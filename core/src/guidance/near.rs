@@ -10,7 +10,7 @@ use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Circle, Neighbour};
 use crate::control::guard::Guard;
 use crate::mapping::map::{CIRCLES_MAX, Map};
-use crate::mapping::tracks::{TRACKS_MAX, Tracks};
+use crate::mapping::tracks::{RADIUS_M, TRACKS_MAX, Tracks};
 use crate::planning::rollout::swept_clearance_m;
 
 /// Obstacles farther than this from the vehicle's boundary are ignored by the fast loop, unless it needs more to stop.
@@ -77,9 +77,9 @@ pub(super) fn told_apart(near: &[Neighbour]) -> (&[Neighbour], &[Neighbour]) {
 
 /// The tracked bodies that move, as obstacles enlarged by the uncertainty of their position.
 #[inline(never)]
-pub(super) fn followed(guard: &Guard, radius_m: f32, tracks: &Tracks, bodies: &mut Vec<Neighbour, TRACKS_MAX>) {
+pub(super) fn followed(guard: &Guard, tracks: &Tracks, bodies: &mut Vec<Neighbour, TRACKS_MAX>) {
     for track in tracks.all().iter().filter(|track| track.moves()) {
-        let radius_m = radius_m + DOUBT_SIGMAS * sqrt(track.covariance[0]);
+        let radius_m = RADIUS_M + DOUBT_SIGMAS * sqrt(track.covariance[0]);
         let (center_ned_m, velocity_ned_mps) = (track.center_ned_m, track.velocity_ned_mps);
         // Cannot fail: there is space for all of them.
         let _ = bodies.push(guard.obstacle(&Circle { center_ned_m, radius_m, velocity_ned_mps }));

@@ -4,7 +4,7 @@ use core::ops::Range;
 
 use heapless::Vec;
 
-use super::CLUSTERS_MAX;
+use super::{CLUSTERS_MAX, RADIUS_M};
 use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
@@ -42,13 +42,7 @@ pub(super) struct Cluster {
 }
 
 /// The clusters of a scan that may be objects.
-pub(super) fn find(
-    clusters: &mut Vec<Cluster, CLUSTERS_MAX>,
-    scan: &Scan,
-    pose: &Pose,
-    hits: &[Horizontal],
-    radius_m: f32,
-) {
+pub(super) fn find(clusters: &mut Vec<Cluster, CLUSTERS_MAX>, scan: &Scan, pose: &Pose, hits: &[Horizontal]) {
     let step_rad = libm::fabsf(scan.step_rad);
     let mut from = 0;
     let mut cusp = Cusp::default();
@@ -60,11 +54,11 @@ pub(super) fn find(
         let (Some(before), next) = (hits.get(to - 1), hits.get(to)) else { continue };
         let cut = cusp.step(to - 1, before.norm());
         if let Some(cut) = cut.filter(|cut| *cut > from) {
-            cut_up(clusters, scan, pose, hits, radius_m, from..cut);
+            cut_up(clusters, scan, pose, hits, from..cut);
             from = cut;
         }
         if next.is_none_or(|next| is_apart(*before, *next, step_rad)) {
-            cut_up(clusters, scan, pose, hits, radius_m, from..to);
+            cut_up(clusters, scan, pose, hits, from..to);
             (from, cusp) = (to, Cusp::default());
         }
     }
@@ -77,7 +71,6 @@ fn cut_up(
     scan: &Scan,
     pose: &Pose,
     hits: &[Horizontal],
-    radius_m: f32,
     piece: Range<usize>,
 ) {
     let points = hits.get(piece.clone()).unwrap_or_default();
@@ -89,7 +82,7 @@ fn cut_up(
         let at = |part: usize| piece.start + part * points.len() / parts;
         let (from, to) = (at(part), at(part + 1));
         let its = hits.get(from..to).unwrap_or_default();
-        let (center, range_m) = center(its, radius_m);
+        let (center, range_m) = center(its);
         let sigma_m = sigma_m(scan, pose, its, range_m);
         let center_ned_m = center.plus(pose.position_ned_m);
         // When the list is full, it is not followed.
@@ -154,15 +147,15 @@ fn is_wall(piece: &[Horizontal], chord_m: f32) -> bool {
     piece.iter().all(|point| libm::fabsf(point.minus(*first).dot(across)) < STRAIGHT_M)
 }
 
-/// The centre of the circle of that radius behind hits, from where they were seen, and the distance of the nearest of them.
-fn center(piece: &[Horizontal], radius_m: f32) -> (Horizontal, f32) {
+/// The centre of an object behind its hits, from where they were seen, and the distance of the nearest of them.
+fn center(piece: &[Horizontal]) -> (Horizontal, f32) {
     let unit = |v: Horizontal| v.times(inverse_root(v.norm_squared()));
     let ends = match (piece.first(), piece.last()) {
         (Some(first), Some(last)) => unit(unit(*first).plus(unit(*last))),
         _ => return (Horizontal::default(), 0.0),
     };
     let nearest_m = piece.iter().map(|p| p.norm()).fold(f32::INFINITY, |a, b| if b < a { b } else { a });
-    let begin = ends.times(nearest_m + radius_m);
+    let begin = ends.times(nearest_m + RADIUS_M);
     let mut at = begin;
     for _ in 0..STEPS {
         // The hits say how far it is across the surface; along it a little holds it where its ends say.
@@ -173,7 +166,7 @@ fn center(piece: &[Horizontal], radius_m: f32) -> (Horizontal, f32) {
         for point in piece {
             let away = at.minus(*point);
             let towards = away.times(inverse_root(away.norm_squared() + 1e-9));
-            let miss_m = radius_m - away.dot(towards);
+            let miss_m = RADIUS_M - away.dot(towards);
             nn += towards.north * towards.north;
             ne += towards.north * towards.east;
             ee += towards.east * towards.east;

@@ -9,13 +9,12 @@
 //! it comes to lie where nothing was.
 //!
 //! The hits of moving objects go into the map as all others do: a pillar that is mistaken for a person is still avoided.
-//! What a moving object leaves behind is taken out of the map ([`Tracker::left_by`]).
+//! What a moving object leaves behind is taken out of the map ([`Tracks::left_by`]).
 //!
 //! A track is forgotten when the sensor sees through where it should be, or when it was not seen for a while.
 
 use heapless::Vec;
 
-use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
@@ -59,82 +58,18 @@ const LEFT_M: f32 = 0.25;
 const GATE_MAX_M: f32 = 0.75;
 const GATE_M: f32 = 0.25;
 const GATE_SIGMAS: f32 = 2.5;
-
-/// Configuration of the tracker.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Config {
-    /// Radius that an object is assumed to have.
-    pub radius_m: f32,
-    /// Acceleration of an object, standard deviation.
-    pub sigma_mps2: f32,
-    /// Speed that a new track may have, standard deviation.
-    pub sigma_mps: f32,
-    /// Below this speed a track counts as standing.
-    pub moving_min_mps: f32,
-    /// A track's speed must exceed its sigma by this factor to count as moving.
-    pub moving_sigmas: f32,
-    /// A track that is out of sight is forgotten after this long.
-    pub memory_s: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self { radius_m: 0.3, sigma_mps2: 0.5, sigma_mps: 1.5, moving_min_mps: 0.25, moving_sigmas: 2.5, memory_s: 3.0 }
-    }
-}
-
-impl Config {
-    /// Checks the configuration.
-    ///
-    /// # Errors
-    /// The field that is out of range.
-    pub fn build(&self) -> Result<Tracker, ConfigError> {
-        check("tracks.radius_m", self.radius_m, 0.05, 2.0)?;
-        check("tracks.sigma_mps2", self.sigma_mps2, 0.01, 20.0)?;
-        check("tracks.sigma_mps", self.sigma_mps, 0.1, 20.0)?;
-        check("tracks.moving_min_mps", self.moving_min_mps, 0.01, 5.0)?;
-        check("tracks.moving_sigmas", self.moving_sigmas, 0.5, 10.0)?;
-        check("tracks.memory_s", self.memory_s, 0.1, 60.0)?;
-        Ok(Tracker { config: *self })
-    }
-}
-
-/// The configured stage.
-///
-/// ```
-/// # use foxhound_core::ConfigError;
-/// use foxhound_core::base::pose::Pose;
-/// use foxhound_core::base::time::Instant;
-/// use foxhound_core::mapping::scan::{Scan, Sector};
-/// use foxhound_core::mapping::tracks::{Config, Tracks};
-///
-/// let tracker = Config::default().build()?;
-/// let mut tracks = Tracks::default();
-/// // Somebody of 0.3 m, 2.5 m ahead, walks to the east at 1 m/s.
-/// for tenths in 0..15 {
-///     let time = Instant(100_000 * tenths);
-///     let east = 0.1 * tenths as f32 - 0.7;
-///     let rays = (0..72).map(|ray| {
-///         let azimuth_rad = 0.02 * ray as f32 - 0.71;
-///         let (sine, cosine) = (libm::sinf(azimuth_rad), libm::cosf(azimuth_rad));
-///         let (along, across) = (2.5 * cosine + east * sine, 2.5 * sine - east * cosine);
-///         let inside = 0.09 - across * across;
-///         if inside > 0.0 { Sector::Hit(along - libm::sqrtf(inside)) } else { Sector::Clear }
-///     });
-///     let scan =
-///         Scan { time, first_azimuth_rad: -0.71, step_rad: 0.02, range_max_m: 5.0, rays: rays.collect() };
-///     tracker.advance(&mut tracks, time);
-///     tracker.observe_rays(&mut tracks, &scan, &Pose::default());
-/// }
-/// let [track] = tracks.all() else { panic!("{tracks:?}") };
-/// assert!(track.moves() && (track.velocity_ned_mps.east - 1.0).abs() < 0.15, "{track:?}");
-/// # Ok::<(), ConfigError>(())
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tracker {
-    config: Config,
-}
+/// Radius that an object is assumed to have.
+pub(crate) const RADIUS_M: f32 = 0.3;
+/// Acceleration of an object, standard deviation.
+const SIGMA_MPS2: f32 = 0.5;
+/// Speed that a new track may have, standard deviation.
+const SIGMA_MPS: f32 = 1.5;
+/// Below this speed a track counts as standing.
+const MOVING_MIN_MPS: f32 = 0.25;
+/// A track's speed must exceed its sigma by this factor to count as moving.
+const MOVING_SIGMAS: f32 = 2.5;
+/// A track that is out of sight is forgotten after this long.
+const MEMORY_S: f32 = 3.0;
 
 /// An object that is followed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -162,8 +97,8 @@ impl Track {
         self.moves
     }
 
-    fn predict(&mut self, dt_s: f32, sigma_mps2: f32) {
-        let q = sigma_mps2 * sigma_mps2;
+    fn predict(&mut self, dt_s: f32) {
+        let q = SIGMA_MPS2 * SIGMA_MPS2;
         let [pp, pv, vv] = self.covariance;
         let dt2 = dt_s * dt_s;
         self.center_ned_m = self.center_ned_m.plus(self.velocity_ned_mps.times(dt_s));
@@ -186,6 +121,19 @@ impl Track {
         self.covariance = [pp * (1.0 - gain_p), pv * (1.0 - gain_p), vv - gain_v * pv];
         (self.unseen_s, self.clear_s) = (0.0, 0.0);
         self.scans = self.scans.saturating_add(1);
+    }
+
+    /// Updates it by a scan of its object.
+    fn follow(&mut self, seen: &Cluster) {
+        self.update(seen);
+        if seen.was_free {
+            self.through_s = 0.0;
+        }
+        let doubt_mps = MOVING_SIGMAS * sqrt(self.covariance[2]);
+        let least_mps = if doubt_mps > MOVING_MIN_MPS { doubt_mps } else { MOVING_MIN_MPS };
+        self.moves = self.scans >= SCANS_MIN
+            && self.through_s < THROUGH_S
+            && self.velocity_ned_mps.norm_squared() > least_mps * least_mps;
     }
 }
 
@@ -243,6 +191,33 @@ impl Kept {
 }
 
 /// All tracks, and some earlier scans.
+///
+/// ```
+/// use foxhound_core::base::pose::Pose;
+/// use foxhound_core::base::time::Instant;
+/// use foxhound_core::mapping::scan::{Scan, Sector};
+/// use foxhound_core::mapping::tracks::Tracks;
+///
+/// let mut tracks = Tracks::default();
+/// // Somebody of 0.3 m, 2.5 m ahead, walks to the east at 1 m/s.
+/// for tenths in 0..15 {
+///     let time = Instant(100_000 * tenths);
+///     let east = 0.1 * tenths as f32 - 0.7;
+///     let rays = (0..72).map(|ray| {
+///         let azimuth_rad = 0.02 * ray as f32 - 0.71;
+///         let (sine, cosine) = (libm::sinf(azimuth_rad), libm::cosf(azimuth_rad));
+///         let (along, across) = (2.5 * cosine + east * sine, 2.5 * sine - east * cosine);
+///         let inside = 0.09 - across * across;
+///         if inside > 0.0 { Sector::Hit(along - libm::sqrtf(inside)) } else { Sector::Clear }
+///     });
+///     let scan =
+///         Scan { time, first_azimuth_rad: -0.71, step_rad: 0.02, range_max_m: 5.0, rays: rays.collect() };
+///     tracks.advance(time);
+///     tracks.observe_rays(&scan, &Pose::default());
+/// }
+/// let [track] = tracks.all() else { panic!("{tracks:?}") };
+/// assert!(track.moves() && (track.velocity_ned_mps.east - 1.0).abs() < 0.15, "{track:?}");
+/// ```
 #[derive(Clone, Debug, Default)]
 pub struct Tracks {
     tracks: Vec<Track, TRACKS_MAX>,
@@ -313,117 +288,94 @@ impl Tracks {
             kept.clone_from(now);
         }
     }
-}
-
-impl Tracker {
-    /// The radius that an object is assumed to have.
-    #[must_use]
-    pub fn radius_m(&self) -> f32 {
-        self.config.radius_m
-    }
 
     /// Predicts all tracks to a time.
     #[inline(never)]
-    pub fn advance(&self, tracks: &mut Tracks, now: Instant) {
-        if tracks.time.is_some_and(|time| now < time) {
+    pub fn advance(&mut self, now: Instant) {
+        if self.time.is_some_and(|time| now < time) {
             // The clock was set back: nothing is known about when they were seen.
-            tracks.clear();
+            self.clear();
         }
-        let dt_s = tracks.time.map_or(0.0, |time| now.seconds_since(time));
-        tracks.time = Some(now);
+        let dt_s = self.time.map_or(0.0, |time| now.seconds_since(time));
+        self.time = Some(now);
         if !(0.0..=2.0).contains(&dt_s) {
-            tracks.tracks.clear();
+            self.tracks.clear();
             return;
         }
         if dt_s > 0.0 {
-            for track in &mut tracks.tracks {
-                track.predict(dt_s, self.config.sigma_mps2);
+            for track in &mut self.tracks {
+                track.predict(dt_s);
             }
         }
-        let memory_s = self.config.memory_s;
-        tracks.tracks.retain(|track| track.unseen_s <= if track.moves { memory_s } else { 1.0 });
+        self.tracks.retain(|track| track.unseen_s <= if track.moves { MEMORY_S } else { 1.0 });
     }
 
     /// Positions of the moving objects that have just been seen, and the radius around each within which nothing else stands,
     /// except what was hit there now.
     #[must_use]
-    pub fn left_by(&self, tracks: &Tracks) -> (Vec<Horizontal, TRACKS_MAX>, f32) {
+    pub fn left_by(&self) -> (Vec<Horizontal, TRACKS_MAX>, f32) {
         let mut centers_ned_m = Vec::new();
-        for track in tracks.tracks.iter().filter(|track| track.moves && track.unseen_s == 0.0) {
+        for track in self.tracks.iter().filter(|track| track.moves && track.unseen_s == 0.0) {
             // Cannot fail: the capacity is that of the tracks.
             let _ = centers_ned_m.push(track.center_ned_m);
         }
-        (centers_ned_m, self.config.radius_m + LEFT_M)
+        (centers_ned_m, RADIUS_M + LEFT_M)
     }
 
     /// Takes in a scan of more rays than circles are made from, as [`Self::observe`] does, each ray for itself.
     #[inline(never)]
-    pub fn observe_rays(&self, tracks: &mut Tracks, scan: &Scan, pose: &Pose) {
+    pub fn observe_rays(&mut self, scan: &Scan, pose: &Pose) {
         if !scan.is_plausible() || !pose.is_plausible() {
             return;
         }
         let mut hits: Vec<Horizontal, RAYS_MAX> = Vec::new();
         scan.hits_into(&mut hits, pose.yaw_rad);
-        self.observe(tracks, scan, pose, &hits);
+        self.observe(scan, pose, &hits);
     }
 
     /// Takes in a scan, after [`Self::advance`] to its step, and where it hits, from where it was taken and in order.
     #[inline(never)]
-    pub fn observe(&self, tracks: &mut Tracks, scan: &Scan, pose: &Pose, hits: &[Horizontal]) {
+    pub fn observe(&mut self, scan: &Scan, pose: &Pose, hits: &[Horizontal]) {
         let mut clusters: Vec<Cluster, CLUSTERS_MAX> = Vec::new();
-        cluster::find(&mut clusters, scan, pose, hits, self.config.radius_m);
-        if let Some(before) = tracks.before(scan.time) {
+        cluster::find(&mut clusters, scan, pose, hits);
+        if let Some(before) = self.before(scan.time) {
             for seen in &mut clusters {
                 seen.was_free = before.saw_through(hits, pose.position_ned_m, seen);
             }
         }
         clusters.retain(|seen| !seen.is_long || seen.was_free);
-        let taken = associate(&tracks.tracks, &mut clusters);
+        let taken = associate(&self.tracks, &mut clusters);
         let mut now = Kept::default();
         now.take(scan, pose);
-        tracks.miss(&now, taken);
-        tracks.scanned = Some(scan.time);
+        self.miss(&now, taken);
+        self.scanned = Some(scan.time);
         for seen in &clusters {
-            if let Some(track) = seen.track.and_then(|track| tracks.tracks.get_mut(usize::from(track))) {
-                self.follow(track, seen);
+            if let Some(track) = seen.track.and_then(|track| self.tracks.get_mut(usize::from(track))) {
+                track.follow(seen);
             }
         }
         for seen in clusters.iter().filter(|seen| seen.track.is_none()) {
-            self.begin(tracks, seen, pose.position_ned_m);
+            self.begin(seen, pose.position_ned_m);
         }
-        tracks.tracks.retain(|track| track.clear_s < CLEAR_S);
-        tracks.keep(&now);
-    }
-
-    /// Updates a track by a scan of its object.
-    fn follow(&self, track: &mut Track, seen: &Cluster) {
-        track.update(seen);
-        if seen.was_free {
-            track.through_s = 0.0;
-        }
-        let doubt_mps = self.config.moving_sigmas * sqrt(track.covariance[2]);
-        let least_mps = if doubt_mps > self.config.moving_min_mps { doubt_mps } else { self.config.moving_min_mps };
-        track.moves = track.scans >= SCANS_MIN
-            && track.through_s < THROUGH_S
-            && track.velocity_ned_mps.norm_squared() > least_mps * least_mps;
+        self.tracks.retain(|track| track.clear_s < CLEAR_S);
+        self.keep(&now);
     }
 
     /// Begins a track. When the list is full, the farthest object that stands is replaced by a nearer one.
-    fn begin(&self, tracks: &mut Tracks, seen: &Cluster, from_ned_m: Horizontal) {
-        let sigma_mps = self.config.sigma_mps;
+    fn begin(&mut self, seen: &Cluster, from_ned_m: Horizontal) {
         let born = Track {
             center_ned_m: seen.center_ned_m,
             velocity_ned_mps: Horizontal::default(),
-            covariance: [seen.sigma_m * seen.sigma_m, 0.0, sigma_mps * sigma_mps],
+            covariance: [seen.sigma_m * seen.sigma_m, 0.0, SIGMA_MPS * SIGMA_MPS],
             unseen_s: 0.0,
             clear_s: 0.0,
             through_s: if seen.was_free { 0.0 } else { THROUGH_S },
             scans: 1,
             moves: false,
         };
-        let Err(born) = tracks.tracks.push(born) else { return };
+        let Err(born) = self.tracks.push(born) else { return };
         let far = |track: &Track| track.center_ned_m.minus(from_ned_m).norm_squared();
-        let standing = tracks.tracks.iter_mut().filter(|track| !track.moves);
+        let standing = self.tracks.iter_mut().filter(|track| !track.moves);
         if let Some(farthest) = standing.max_by(|a, b| far(a).total_cmp(&far(b)))
             && far(&born) < far(farthest)
         {

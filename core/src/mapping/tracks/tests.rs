@@ -40,7 +40,6 @@ fn cast(time: Instant, pose: &Pose, (fov_deg, sectors): (f32, usize), circles: &
 }
 
 struct Watch {
-    tracker: Tracker,
     segmenter: scan::Segmenter,
     tracks: Tracks,
     now_s: f32,
@@ -53,20 +52,20 @@ impl Watch {
     }
 
     fn with_rays(fov_deg: f32, rays: usize) -> Self {
-        let (tracker, segmenter) = (Config::default().build().unwrap(), scan::Config::default().build().unwrap());
-        Self { tracker, segmenter, tracks: Tracks::default(), now_s: 1.0, view: (fov_deg, rays) }
+        let segmenter = scan::Config::default().build().unwrap();
+        Self { segmenter, tracks: Tracks::default(), now_s: 1.0, view: (fov_deg, rays) }
     }
 
     fn look(&mut self, pose: &Pose, circles: &[(Horizontal, f32)]) {
         self.now_s += SCAN_S;
         let now = Instant((self.now_s * 1e6) as u64);
         let scan = cast(now, pose, self.view, circles);
-        self.tracker.advance(&mut self.tracks, now);
+        self.tracks.advance(now);
         if scan.is_fine() {
-            return self.tracker.observe_rays(&mut self.tracks, &scan, pose);
+            return self.tracks.observe_rays(&scan, pose);
         }
         let look = self.segmenter.fit(&scan, pose).unwrap();
-        self.tracker.observe(&mut self.tracks, &scan, pose, &look.points_m);
+        self.tracks.observe(&scan, pose, &look.points_m);
     }
 
     fn moving(&self) -> StdVec<Track> {

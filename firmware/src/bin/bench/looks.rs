@@ -10,7 +10,7 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::wrap_pi;
 use foxhound_core::mapping::map::{self, Map};
 use foxhound_core::mapping::scan::{self, RAYS_MAX, SECTORS_MAX, Scan, Sector};
-use foxhound_core::mapping::tracks::{self, Tracks};
+use foxhound_core::mapping::tracks::Tracks;
 use foxhound_firmware::board::Board as _;
 
 use crate::{Twin, row};
@@ -20,9 +20,6 @@ use crate::{Twin, row};
 pub(super) fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let (Ok(segmenter), Ok(mapper)) = (scan::Config::default().build(), map::Config::default().build()) else {
         Twin::halt(format_args!("the built-in obstacle memory does not build"))
-    };
-    let Ok(tracker) = tracks::Config::default().build() else {
-        Twin::halt(format_args!("the built-in tracks do not build"))
     };
     let mut rng = Rng::new(13, 13);
     let mut flight = |world: &[[f32; 3]], view: View, noise_m: f32, looks: u64| {
@@ -40,12 +37,12 @@ pub(super) fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             let Some(seen) = seen else { return (0, 0, 0) };
             worst_fit = worst_fit.max(fit);
             let take = measure(&mut || mapper.observe_scan(&mut map, now, &scan, &pose, black_box(&seen)));
-            tracker.advance(&mut tracks, now);
+            tracks.advance(now);
             let follow = measure(&mut || {
                 if scan.is_fine() {
-                    tracker.observe_rays(&mut tracks, black_box(&scan), &pose);
+                    tracks.observe_rays(black_box(&scan), &pose);
                 } else {
-                    tracker.observe(&mut tracks, &scan, &pose, black_box(&seen.points_m));
+                    tracks.observe(&scan, &pose, black_box(&seen.points_m));
                 }
             });
             (worst, worst_follow) = (worst.max(fit + take), worst_follow.max(follow));
