@@ -10,7 +10,7 @@ use crate::base::ownship::Ownship;
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
 use crate::doa::bearing::{Bearing, BearingEstimator};
-use crate::mapping::scan::{Points, Refusal, Scan, Segmentation};
+use crate::mapping::scan::{self, Points, Refusal, Scan, Segmentation};
 use crate::signal::phase::Phasors;
 
 /// The pose at the time of a measurement is known from positions and attitudes no farther away in time than this.
@@ -157,7 +157,7 @@ impl<const N: usize> Guidance<N> {
     #[inline(never)]
     fn map_scan(&self, state: &mut State<N>, now: Instant, scan: &Scan, pose: Pose) -> Result<Pose, Refusal> {
         let mut look = Segmentation::default();
-        self.scan.fit_into(&mut look, scan, &pose)?;
+        scan::fit_into(&mut look, scan, &pose)?;
         if !scan.is_fine() {
             state.surroundings.tracks.observe(scan, &pose, &look.points_m);
         }
@@ -171,7 +171,7 @@ impl<const N: usize> Guidance<N> {
     #[inline(never)]
     fn take_points(&self, state: &mut State<N>, now: Instant, points: &Points, pose: Pose) -> Result<(), Refusal> {
         let mut look = Segmentation::default();
-        self.scan.fit_points_into(&mut look, points, &pose)?;
+        scan::fit_points_into(&mut look, points, &pose)?;
         self.map.observe_points(&mut state.surroundings.map, now, &look);
         Ok(())
     }

@@ -22,7 +22,7 @@ use crate::landing::{self, Lander};
 use crate::localize::belief;
 use crate::localize::source::support::SourcePosition;
 use crate::mapping::map;
-use crate::mapping::scan::{self, Points, Scan};
+use crate::mapping::scan::{Points, Scan};
 use crate::planning::planner::Answer;
 use crate::signal::phase::{self, Phasors};
 
@@ -170,7 +170,6 @@ pub struct Guidance<const N: usize> {
     known_source_ned_m: Option<Horizontal>,
     phase: phase::Extractor<N>,
     bearing: bearing::BearingEstimator,
-    scan: scan::Segmenter,
     map: map::Mapper,
     localizer: belief::Localizer,
     searches: bool,

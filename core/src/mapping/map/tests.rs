@@ -393,7 +393,6 @@ fn rooms() -> StdVec<(&'static str, World)> {
 
 #[test]
 fn every_hit_of_the_last_look_is_in_a_circle_or_within_two_centimetres_or_else_its_wide_sector_is() {
-    let segmenter = scan::Config::default().build().unwrap();
     let mut rng = Rng::new(7, 0);
     for (name, world) in rooms() {
         for fov_deg in [60.0_f64, 90.0, 360.0] {
@@ -403,7 +402,7 @@ fn every_hit_of_the_last_look_is_in_a_circle_or_within_two_centimetres_or_else_i
                     let place = (0.9 * f64::from(rng.uniform()), 1.4 * f64::from(rng.uniform()) - 0.7);
                     let yaw = 1.2 * (f64::from(rng.uniform()) - 0.5);
                     let (scan, pose) = world.scan(place, yaw, fov_deg.to_radians(), noise, &mut rng);
-                    let seen = segmenter.fit(&scan, &pose).unwrap();
+                    let seen = scan::fit(&scan, &pose).unwrap();
                     let overflows = map.overflow_count();
                     mapper.observe_scan(&mut map, Instant(look * 100_000), &scan, &pose, &seen);
                     assert!(map.circles().all(|circle| circle.is_plausible()));
@@ -418,7 +417,7 @@ fn every_hit_of_the_last_look_is_in_a_circle_or_within_two_centimetres_or_else_i
 
 #[test]
 fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_last_look() {
-    let (segmenter, mapper) = (scan::Config::default().build().unwrap(), mapper());
+    let mapper = mapper();
     let mut rng = Rng::new(8, 0);
     let mut covered = 0;
     for _ in 0..60 {
@@ -458,7 +457,7 @@ fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_la
                         range_max_m: 3.0,
                         rays: sectors.into_iter().collect(),
                     };
-                    let look = segmenter.fit(&scan, &pose).ok();
+                    let look = scan::fit(&scan, &pose).ok();
                     if let Some(look) = &look {
                         mapper.observe_scan(&mut map, Instant(now), &scan, &pose, look);
                     }
@@ -468,7 +467,7 @@ fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_la
                     let points_m = (0..72).map(|_| Horizontal { north: number(3.0), east: number(3.0) }).collect();
                     let points = scan::Points { points_m, ..scan::Points::default() };
                     let mut look = Segmentation::default();
-                    let is_taken = segmenter.fit_points_into(&mut look, &points, &pose).is_ok();
+                    let is_taken = scan::fit_points_into(&mut look, &points, &pose).is_ok();
                     is_taken.then(|| {
                         mapper.observe_points(&mut map, Instant(now), &look);
                         look
@@ -488,7 +487,6 @@ fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_la
 
 #[test]
 fn standing_pillars_do_not_seem_to_move_however_the_view_of_them_changes() {
-    let segmenter = scan::Config::default().build().unwrap();
     let mut rng = Rng::new(9, 0);
     let (mut told, mut looks) = (0, 0);
     for (_, world) in rooms() {
@@ -501,7 +499,7 @@ fn standing_pillars_do_not_seem_to_move_however_the_view_of_them_changes() {
                 let yaw = 0.6 * (0.15 * f64::from(look) + f64::from(flight)).sin();
                 let (scan, pose) = world.scan(place, yaw, 1.571, 0.003, &mut rng);
                 let now = Instant(look as u64 * 100_000);
-                mapper.observe_scan(&mut map, now, &scan, &pose, &segmenter.fit(&scan, &pose).unwrap());
+                mapper.observe_scan(&mut map, now, &scan, &pose, &scan::fit(&scan, &pose).unwrap());
                 told += map.circles().filter(|c| c.velocity_ned_mps.norm_squared() > 0.0).count();
                 looks += map.circles().count();
             }
@@ -512,7 +510,6 @@ fn standing_pillars_do_not_seem_to_move_however_the_view_of_them_changes() {
 
 #[test]
 fn a_moving_pillar_gets_its_velocity_within_a_second_and_a_half_and_leaves_no_ghosts() {
-    let segmenter = scan::Config::default().build().unwrap();
     let mut rng = Rng::new(10, 0);
     for (vn, ve) in [(0.0, 0.3), (-0.3, 0.0), (-0.3, 0.4), (0.2, -0.5)] {
         let (mapper, mut map) = (mapper(), Map::default());
@@ -521,7 +518,7 @@ fn a_moving_pillar_gets_its_velocity_within_a_second_and_a_half_and_leaves_no_gh
             let world = World { pillars: std::vec![[2.2 + vn * time, -0.3 + ve * time, 0.25]], ..World::default() };
             let (scan, pose) = world.scan((0.0, 0.0), 0.0, 1.571, 0.003, &mut rng);
             let now = Instant(look as u64 * 100_000);
-            mapper.observe_scan(&mut map, now, &scan, &pose, &segmenter.fit(&scan, &pose).unwrap());
+            mapper.observe_scan(&mut map, now, &scan, &pose, &scan::fit(&scan, &pose).unwrap());
             if look >= 15 {
                 let nearest = map.circles().find(|c| c.velocity_ned_mps.norm_squared() > 0.0);
                 let nearest = nearest.unwrap_or_else(|| panic!("{vn} {ve} after {time} s: {map:?}"));
@@ -535,34 +532,26 @@ fn a_moving_pillar_gets_its_velocity_within_a_second_and_a_half_and_leaves_no_gh
 
 #[test]
 fn what_was_seen_once_is_remembered_when_the_view_has_turned_away() {
-    let segmenter = scan::Config::default().build().unwrap();
     let mut rng = Rng::new(11, 0);
     let world = World { pillars: std::vec![[2.0, 0.0, 0.3]], walls: std::vec![[1.0, 1.0, 2.0, 1.2]] };
     let (mapper, mut map) = (mapper(), Map::default());
     for look in 0..600_u64 {
         let yaw = if look < 5 { 0.2 } else { 3.0 };
         let (scan, pose) = world.scan((0.0, 0.0), yaw, 1.571, 0.0, &mut rng);
-        mapper.observe_scan(&mut map, Instant(look * 100_000), &scan, &pose, &segmenter.fit(&scan, &pose).unwrap());
+        mapper.observe_scan(&mut map, Instant(look * 100_000), &scan, &pose, &scan::fit(&scan, &pose).unwrap());
     }
     let (scan, pose) = world.scan((0.0, 0.0), 0.2, 1.571, 0.0, &mut rng);
-    assert!(uncovered_m(&map, &segmenter.fit(&scan, &pose).unwrap()) < 0.02);
+    assert!(uncovered_m(&map, &scan::fit(&scan, &pose).unwrap()) < 0.02);
 }
 
 #[test]
 fn a_single_scan_of_a_wall_with_a_gap_of_83_centimetres_leaves_the_gap_open() {
-    let segmenter = scan::Config::default().build().unwrap();
     let mut rng = Rng::new(12, 0);
     let world = World { walls: std::vec![[2.0, -3.0, 2.0, -0.415], [2.0, 0.415, 2.0, 3.0]], ..World::default() };
     let (mapper, mut map) = (mapper(), Map::default());
     for look in 0..10 {
         let (scan, pose) = world.scan((0.1 * f64::from(look), 0.0), 0.0, 1.571, 0.003, &mut rng);
-        mapper.observe_scan(
-            &mut map,
-            Instant(look as u64 * 100_000),
-            &scan,
-            &pose,
-            &segmenter.fit(&scan, &pose).unwrap(),
-        );
+        mapper.observe_scan(&mut map, Instant(look as u64 * 100_000), &scan, &pose, &scan::fit(&scan, &pose).unwrap());
     }
     // The vehicle, 15 cm in radius, in the middle of the gap, and before and behind it.
     for north in [1.5, 1.8, 1.9, 2.0, 2.1, 2.2, 2.5] {

@@ -5,7 +5,7 @@
 //! which the surface comes nearer, not in the middle: to assume the middle would make pillars wider by half a sector at
 //! either side. Neighbouring hits without a jump in distance form a run. Each run becomes
 //!
-//! - a pillar, if a circle passes within [`Config::residual_max_m`] of all its hits, is curved towards the sensor, has
+//! - a pillar, if a circle passes within `RESIDUAL_MAX_M` of all its hits, is curved towards the sensor, has
 //!   a radius that the arc determines, and does not reach into directions that are seen to be free (Taubin's fit; a run
 //!   that is too short for it but free on both sides gets its radius from its angular width);
 //! - two pieces, cut at the hit farthest from the circle, if the circle does not pass near all hits;
@@ -18,7 +18,6 @@
 
 use heapless::Vec;
 
-use crate::base::error::{ConfigError, check};
 use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;
 use crate::base::pose::{ANGLE_MAX_RAD, Pose};
@@ -33,6 +32,7 @@ mod segment;
 use circle::root;
 
 pub use rays::{Ranges, Rays, Sectors};
+pub use segment::{fit, fit_into, fit_points_into};
 
 /// Largest number of rays in a scan.
 pub const RAYS_MAX: usize = 360;
@@ -54,6 +54,16 @@ const JUMP_MAX_M: f32 = 0.30;
 const REACH_M: f32 = 0.03;
 /// Largest angle between rays, slightly more than 1.25 degrees: a wider sector reports the nearest of several rays.
 const RAY_STEP_MAX_RAD: f32 = 0.0219;
+/// Neighbouring hits farther apart than this, plus what the sector width explains, are two obstacles.
+const GAP_M: f32 = 0.10;
+/// A circle farther than this from one of its points is refused.
+const RESIDUAL_MAX_M: f32 = 0.018;
+/// Smallest accepted radius.
+const RADIUS_MIN_M: f32 = 0.05;
+/// Largest accepted radius; a wall becomes several circles.
+const RADIUS_MAX_M: f32 = 1.5;
+/// Largest sigma of a pillar's radius, as a share of the radius.
+const RADIUS_DOUBT_MAX: f32 = 0.15;
 /// Largest plausible range of a sensor, and distance of a hit.
 const RANGE_MAX_M: f32 = 1e3;
 /// Largest range of a ray: it is stored in millimetres, in two bytes.
@@ -163,43 +173,6 @@ pub struct Points {
     pub points_m: Vec<Horizontal, POINTS_MAX>,
 }
 
-/// Configuration of the fit.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Config {
-    /// Neighbouring hits farther apart than this, plus what the sector width explains, are two obstacles.
-    pub gap_m: f32,
-    /// A circle farther than this from one of its points is refused.
-    pub residual_max_m: f32,
-    /// Smallest accepted radius.
-    pub radius_min_m: f32,
-    /// Largest accepted radius; a wall becomes several circles.
-    pub radius_max_m: f32,
-    /// Largest sigma of a pillar's radius, as a share of the radius.
-    pub radius_doubt_max: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self { gap_m: 0.10, residual_max_m: 0.018, radius_min_m: 0.05, radius_max_m: 1.5, radius_doubt_max: 0.15 }
-    }
-}
-
-impl Config {
-    /// Checks the configuration.
-    ///
-    /// # Errors
-    /// The field that is out of range.
-    pub fn build(&self) -> Result<Segmenter, ConfigError> {
-        check("scan.gap_m", self.gap_m, 0.01, 1.0)?;
-        check("scan.residual_max_m", self.residual_max_m, 0.005, 0.5)?;
-        check("scan.radius_min_m", self.radius_min_m, 0.01, 1.0)?;
-        check("scan.radius_max_m", self.radius_max_m, self.radius_min_m, 10.0)?;
-        check("scan.radius_doubt_max", self.radius_doubt_max, 0.01, 1.0)?;
-        Ok(Segmenter { config: *self })
-    }
-}
-
 /// The kind of obstacle that a detection represents.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -290,36 +263,6 @@ impl Segmentation {
     }
 }
 
-/// The configured stage.
-///
-/// ```
-/// # use foxhound_core::ConfigError;
-/// use foxhound_core::base::pose::Pose;
-/// use foxhound_core::base::time::Instant;
-/// use foxhound_core::mapping::scan::{Config, Kind, Scan, Sector};
-///
-/// let segmenter = Config::default().build()?;
-/// // A pillar of 0.2 m, 2 m ahead, and nothing else.
-/// let rays = (0..41).map(|ray| {
-///     let azimuth_rad = 0.02 * ray as f32 - 0.4;
-///     let (along, across) = (2.0 * libm::cosf(azimuth_rad), 2.0 * libm::sinf(azimuth_rad));
-///     let inside = 0.04 - across * across;
-///     if inside > 0.0 { Sector::Hit(along - libm::sqrtf(inside)) } else { Sector::Clear }
-/// });
-/// let time = Instant(0);
-/// let scan = Scan { time, first_azimuth_rad: -0.4, step_rad: 0.02, range_max_m: 3.0, rays: rays.collect() };
-/// let found = segmenter.fit(&scan, &Pose::default()).unwrap_or_default();
-/// assert_eq!(found.detections.len(), 1);
-/// let pillar = found.detections[0];
-/// assert_eq!(pillar.kind, Kind::Pillar);
-/// assert!((pillar.center_ned_m.north - 2.0).abs() < 0.02 && (pillar.radius_m - 0.2).abs() < 0.02);
-/// # Ok::<(), ConfigError>(())
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Segmenter {
-    config: Config,
-}
-
 /// A run of hits, relative to the sensor, and whether its two sides are free.
 struct Run<'a> {
     points: &'a [Horizontal],
@@ -374,32 +317,28 @@ impl Turned {
     }
 }
 
-impl Segmenter {
-    /// The circle with the angular width of a few hits, if both its sides are free and it covers them:
-    /// `r / (nearest + r) = sin(half of the angle)`.
-    fn thin(&self, piece: &Run<'_>) -> Verdict {
-        let c = &self.config;
-        let ([Some(_), Some(_)], Some(first), Some(last)) = (piece.free, piece.points.first(), piece.points.last())
-        else {
-            return Verdict::Chain;
-        };
-        let least = |a: f32, p: &Horizontal| if p.norm_squared() < a { p.norm_squared() } else { a };
-        let nearest_m = root(piece.points.iter().fold(f32::INFINITY, least));
-        // Sine of a small angle, by its series: the relative term of the fourth power is left out.
-        let sectors = piece.points.len() as f32 - 2.0 * piece.outermost_ray;
-        let half_rad = (0.5 * piece.step_rad * sectors).clamp(0.0, 1.2);
-        let s = half_rad * (1.0 - half_rad * half_rad / 6.0);
-        let radius_m = between(nearest_m * s / (1.0 - s), c.radius_min_m, c.radius_max_m);
-        let unit = |p: &Horizontal| p.times(inverse_root(p.norm_squared()));
-        let toward = unit(first).plus(unit(last));
-        let center = toward.times((nearest_m + radius_m) * inverse_root(toward.norm_squared()));
-        let reach_m = radius_m + c.residual_max_m;
-        let covers = |point: &Horizontal| point.minus(center).norm_squared() <= reach_m * reach_m;
-        if !piece.points.iter().all(covers) {
-            return Verdict::Chain;
-        }
-        piece.pillar(center, radius_m, 0.02 + 0.5 * nearest_m * piece.step_rad)
+/// The circle with the angular width of a few hits, if both its sides are free and it covers them:
+/// `r / (nearest + r) = sin(half of the angle)`.
+fn thin(piece: &Run<'_>) -> Verdict {
+    let ([Some(_), Some(_)], Some(first), Some(last)) = (piece.free, piece.points.first(), piece.points.last()) else {
+        return Verdict::Chain;
+    };
+    let least = |a: f32, p: &Horizontal| if p.norm_squared() < a { p.norm_squared() } else { a };
+    let nearest_m = root(piece.points.iter().fold(f32::INFINITY, least));
+    // Sine of a small angle, by its series: the relative term of the fourth power is left out.
+    let sectors = piece.points.len() as f32 - 2.0 * piece.outermost_ray;
+    let half_rad = (0.5 * piece.step_rad * sectors).clamp(0.0, 1.2);
+    let s = half_rad * (1.0 - half_rad * half_rad / 6.0);
+    let radius_m = between(nearest_m * s / (1.0 - s), RADIUS_MIN_M, RADIUS_MAX_M);
+    let unit = |p: &Horizontal| p.times(inverse_root(p.norm_squared()));
+    let toward = unit(first).plus(unit(last));
+    let center = toward.times((nearest_m + radius_m) * inverse_root(toward.norm_squared()));
+    let reach_m = radius_m + RESIDUAL_MAX_M;
+    let covers = |point: &Horizontal| point.minus(center).norm_squared() <= reach_m * reach_m;
+    if !piece.points.iter().all(covers) {
+        return Verdict::Chain;
     }
+    piece.pillar(center, radius_m, 0.02 + 0.5 * nearest_m * piece.step_rad)
 }
 
 /// Result for a piece of a run.

@@ -38,7 +38,7 @@ fn cast_wide(circles: &[(f64, f64, f64)], fov_deg: f64, range: f64, rays: usize)
 }
 
 fn fit(circles: &[(f64, f64, f64)]) -> StdVec<Detection> {
-    Config::default().build().unwrap().fit(&cast(circles), &Pose::default()).unwrap().detections.into_iter().collect()
+    super::fit(&cast(circles), &Pose::default()).unwrap().detections.into_iter().collect()
 }
 
 #[test]
@@ -72,7 +72,6 @@ fn a_pillar_is_found_where_it_stands_and_as_thick_as_it_is() {
 
 #[test]
 fn wide_sectors_make_a_pillar_no_wider() {
-    let segmenter = Config::default().build().unwrap();
     let mut pillars = 0;
     for (fov_deg, rays) in [(120.0, 2), (270.0, 3), (360.0, 4)] {
         for (distance, radius) in [(1.0, 0.15), (1.5, 0.1), (1.5, 0.3), (2.5, 0.3), (3.5, 0.2)] {
@@ -81,7 +80,7 @@ fn wide_sectors_make_a_pillar_no_wider() {
                 let azimuth = (f64::from(turn) * 0.53 - 10.0).to_radians();
                 let pillar = (distance * azimuth.cos(), distance * azimuth.sin(), radius);
                 let scan = cast_wide(&[pillar], fov_deg, 4.0, rays);
-                let found = segmenter.fit(&scan, &Pose::default()).unwrap().detections;
+                let found = super::fit(&scan, &Pose::default()).unwrap().detections;
                 wider.extend(found.iter().filter(|d| d.kind == Kind::Pillar).map(|d| f64::from(d.radius_m) - radius));
             }
             let case = format!("{fov_deg} deg, {distance} m, radius {radius} m");
@@ -123,7 +122,7 @@ fn a_wall_becomes_a_chain_of_circles_that_leaves_no_gap_to_slip_through() {
 fn the_pose_turns_and_shifts_what_is_seen() {
     let scan = cast(&[(1.5, 0.0, 0.25)]);
     let pose = Pose { position_ned_m: Horizontal { north: 10.0, east: -4.0 }, yaw_rad: core::f32::consts::FRAC_PI_2 };
-    let found = Config::default().build().unwrap().fit(&scan, &pose).unwrap().detections;
+    let found = super::fit(&scan, &pose).unwrap().detections;
     assert_eq!(found.len(), 1);
     assert!((found[0].center_ned_m.north - 10.0).abs() < 0.05, "{found:?}");
     assert!((found[0].center_ned_m.east + 2.5).abs() < 0.05, "{found:?}");
@@ -131,15 +130,14 @@ fn the_pose_turns_and_shifts_what_is_seen() {
 
 #[test]
 fn garbage_in_sectors_is_refused() {
-    let segmenter = Config::default().build().unwrap();
     for value in [f32::NAN, f32::INFINITY, -1.0, 0.0, 1e30] {
         let mut scan = cast(&[(2.0, 0.0, 0.3)]);
-        let good = segmenter.fit(&scan, &Pose::default()).unwrap();
+        let good = super::fit(&scan, &Pose::default()).unwrap();
         scan.rays.set(0, Sector::Hit(value));
-        let one = segmenter.fit(&scan, &Pose::default()).unwrap();
+        let one = super::fit(&scan, &Pose::default()).unwrap();
         assert_eq!((one.refused, one.points_m.len()), (1, good.points_m.len()), "{value}");
         scan.rays = [Sector::Hit(value); SECTORS_MAX].into_iter().collect();
-        assert_eq!(segmenter.fit(&scan, &Pose::default()), Err(Refusal::Absurd), "{value}");
+        assert_eq!(super::fit(&scan, &Pose::default()), Err(Refusal::Absurd), "{value}");
     }
 }
 
@@ -147,14 +145,13 @@ fn garbage_in_sectors_is_refused() {
 fn a_hit_that_touches_the_sensor_yields_finite_circles() {
     let mut scan = cast(&[]);
     scan.rays = [Sector::Hit(1e-20); SECTORS_MAX].into_iter().collect();
-    for detection in Config::default().build().unwrap().fit(&scan, &Pose::default()).unwrap().detections {
+    for detection in super::fit(&scan, &Pose::default()).unwrap().detections {
         assert!(detection.center_ned_m.is_finite() && detection.radius_m.is_finite());
     }
 }
 
 #[test]
 fn what_is_no_sensor_or_looks_from_nowhere_is_refused() {
-    let segmenter = Config::default().build().unwrap();
     let good = Scan { rays: [Sector::Hit(1.0); SECTORS_MAX].into_iter().collect(), ..cast(&[]) };
     for bad in [
         Scan { step_rad: 0.0, ..good.clone() },
@@ -163,14 +160,14 @@ fn what_is_no_sensor_or_looks_from_nowhere_is_refused() {
         Scan { range_max_m: -1.0, ..good.clone() },
         Scan { range_max_m: f32::NAN, ..good.clone() },
     ] {
-        assert_eq!(segmenter.fit(&bad, &Pose::default()), Err(Refusal::Geometry), "{bad:?}");
+        assert_eq!(super::fit(&bad, &Pose::default()), Err(Refusal::Geometry), "{bad:?}");
     }
     let points = Points { points_m: [Horizontal::default()].into_iter().collect(), ..Points::default() };
-    let fit_points = |pose: &Pose| segmenter.fit_points_into(&mut Segmentation::default(), &points, pose);
+    let fit_points = |pose: &Pose| fit_points_into(&mut Segmentation::default(), &points, pose);
     assert_eq!(fit_points(&Pose::default()), Err(Refusal::Absurd));
     let nowhere = Horizontal { north: f32::NAN, east: 0.0 };
     for pose in [Pose { position_ned_m: nowhere, ..Pose::default() }, Pose { yaw_rad: f32::NAN, ..Pose::default() }] {
-        assert_eq!(segmenter.fit(&good, &pose), Err(Refusal::NoOwnship));
+        assert_eq!(super::fit(&good, &pose), Err(Refusal::NoOwnship));
         assert_eq!(fit_points(&pose), Err(Refusal::NoOwnship));
     }
 }

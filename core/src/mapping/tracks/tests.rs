@@ -40,7 +40,6 @@ fn cast(time: Instant, pose: &Pose, (fov_deg, sectors): (f32, usize), circles: &
 }
 
 struct Watch {
-    segmenter: scan::Segmenter,
     tracks: Tracks,
     now_s: f32,
     view: (f32, usize),
@@ -52,8 +51,7 @@ impl Watch {
     }
 
     fn with_rays(fov_deg: f32, rays: usize) -> Self {
-        let segmenter = scan::Config::default().build().unwrap();
-        Self { segmenter, tracks: Tracks::default(), now_s: 1.0, view: (fov_deg, rays) }
+        Self { tracks: Tracks::default(), now_s: 1.0, view: (fov_deg, rays) }
     }
 
     fn look(&mut self, pose: &Pose, circles: &[(Horizontal, f32)]) {
@@ -64,7 +62,7 @@ impl Watch {
         if scan.is_fine() {
             return self.tracks.observe_rays(&scan, pose);
         }
-        let look = self.segmenter.fit(&scan, pose).unwrap();
+        let look = scan::fit(&scan, pose).unwrap();
         self.tracks.observe(&scan, pose, &look.points_m);
     }
 

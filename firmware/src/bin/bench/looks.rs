@@ -18,7 +18,7 @@ use crate::{Twin, row};
 /// A scan until it is in the map, the worst of many scans: past pillars, and of an endless number of circles.
 #[inline(never)]
 pub(super) fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    let (Ok(segmenter), Ok(mapper)) = (scan::Config::default().build(), map::Config::default().build()) else {
+    let Ok(mapper) = map::Config::default().build() else {
         Twin::halt(format_args!("the built-in obstacle memory does not build"))
     };
     let mut rng = Rng::new(13, 13);
@@ -33,7 +33,7 @@ pub(super) fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             let scan = ranges(world, &pose, view, noise_m, &mut rng);
             let now = Instant(100_000 * look);
             let mut seen = None;
-            let fit = measure(&mut || seen = segmenter.fit(black_box(&scan), &pose).ok());
+            let fit = measure(&mut || seen = scan::fit(black_box(&scan), &pose).ok());
             let Some(seen) = seen else { return (0, 0, 0) };
             worst_fit = worst_fit.max(fit);
             let take = measure(&mut || mapper.observe_scan(&mut map, now, &scan, &pose, black_box(&seen)));
