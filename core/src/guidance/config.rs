@@ -10,7 +10,7 @@ use crate::landing;
 use crate::localize::belief::Localizer;
 use crate::localize::goal;
 use crate::localize::source::bank;
-use crate::mapping::{lidar, map};
+use crate::mapping::lidar;
 use crate::planning::planner::{self, Planner};
 use crate::planning::rollout::WAYPOINTS;
 use crate::signal::phase;
@@ -45,8 +45,6 @@ pub struct Config {
     pub radio: Option<radio::Mount>,
     /// The lidar on the same line, if obstacles come from it; otherwise the autopilot reports them.
     pub lidar: Option<lidar::Mount>,
-    /// Obstacle memory.
-    pub map: map::Config,
     /// Filters that estimate the source's position.
     pub source: bank::Config,
     /// Whether reflections are considered.
@@ -88,7 +86,6 @@ impl Default for Config {
             bearing: bearing::Config::default(),
             radio: None,
             lidar: None,
-            map: map::Config::default(),
             source: bank::Config::DEFAULT,
             reflections: true,
             goal: goal::Config::default(),
@@ -152,7 +149,6 @@ impl Config {
             known_source_ned_m: self.goal.known_source_ned_m,
             phase: self.phase.build()?,
             bearing: self.bearing.build(self.array.build()?)?,
-            map: self.map.build()?,
             localizer: Localizer::build(
                 &self.goal,
                 &self.source,

@@ -103,15 +103,15 @@ impl<const N: usize> Guidance<N> {
     pub(super) fn look(&self, state: &mut State<N>, input: &Input<'_, N>) {
         let (now, ownship) = (input.now, state.vehicle.ownship);
         let pose = |time: Instant| pose_at(ownship.as_ref(), time);
-        self.map.advance(&mut state.surroundings.map, now);
+        state.surroundings.map.advance(now);
         state.surroundings.tracks.advance(now);
         let circles =
-            input.circles.map(|circles| pose(now).and_then(|pose| self.take_circles(state, now, circles, pose)));
+            input.circles.map(|circles| pose(now).and_then(|pose| Self::take_circles(state, now, circles, pose)));
         if let Some(points) = input.points {
             // What is refused is as if it had not come.
-            let _ = pose(points.time).and_then(|pose| self.take_points(state, now, points, pose));
+            let _ = pose(points.time).and_then(|pose| Self::take_points(state, now, points, pose));
         }
-        let scan = input.scan.map(|scan| pose(scan.time).and_then(|pose| self.take_scan(state, now, scan, pose)));
+        let scan = input.scan.map(|scan| pose(scan.time).and_then(|pose| Self::take_scan(state, now, scan, pose)));
         if let Some(ownship) = &state.vehicle.ownship {
             near::gather(
                 &self.guard,
@@ -131,48 +131,42 @@ impl<const N: usize> Guidance<N> {
 
     /// Circles -> map; returns the pose from which they were seen.
     #[inline(never)]
-    fn take_circles(
-        &self,
-        state: &mut State<N>,
-        now: Instant,
-        circles: &[Circle],
-        pose: Pose,
-    ) -> Result<Pose, Refusal> {
-        self.map.observe_circles(&mut state.surroundings.map, now, pose.position_ned_m, circles)?;
+    fn take_circles(state: &mut State<N>, now: Instant, circles: &[Circle], pose: Pose) -> Result<Pose, Refusal> {
+        state.surroundings.map.observe_circles(now, pose.position_ned_m, circles)?;
         Ok(pose)
     }
 
     /// Scan -> circles -> map; returns the pose from which it was made.
     #[inline(never)]
-    fn take_scan(&self, state: &mut State<N>, now: Instant, scan: &Scan, pose: Pose) -> Result<Pose, Refusal> {
+    fn take_scan(state: &mut State<N>, now: Instant, scan: &Scan, pose: Pose) -> Result<Pose, Refusal> {
         if scan.is_blind() {
             return Err(Refusal::Blind);
         }
         if scan.is_fine() {
             state.surroundings.tracks.observe_rays(scan, &pose);
         }
-        self.map_scan(state, now, scan, pose)
+        Self::map_scan(state, now, scan, pose)
     }
 
     #[inline(never)]
-    fn map_scan(&self, state: &mut State<N>, now: Instant, scan: &Scan, pose: Pose) -> Result<Pose, Refusal> {
+    fn map_scan(state: &mut State<N>, now: Instant, scan: &Scan, pose: Pose) -> Result<Pose, Refusal> {
         let mut look = Segmentation::default();
         scan::fit_into(&mut look, scan, &pose)?;
         if !scan.is_fine() {
             state.surroundings.tracks.observe(scan, &pose, &look.points_m);
         }
         let (centers_ned_m, radius_m) = state.surroundings.tracks.left_by();
-        self.map.vacate(&mut state.surroundings.map, now, &centers_ned_m, radius_m);
-        self.map.observe_scan(&mut state.surroundings.map, now, scan, &pose, &look);
+        state.surroundings.map.vacate(now, &centers_ned_m, radius_m);
+        state.surroundings.map.observe_scan(now, scan, &pose, &look);
         Ok(pose)
     }
 
     /// Single points -> circles -> map. They do not update the coverage.
     #[inline(never)]
-    fn take_points(&self, state: &mut State<N>, now: Instant, points: &Points, pose: Pose) -> Result<(), Refusal> {
+    fn take_points(state: &mut State<N>, now: Instant, points: &Points, pose: Pose) -> Result<(), Refusal> {
         let mut look = Segmentation::default();
         scan::fit_points_into(&mut look, points, &pose)?;
-        self.map.observe_points(&mut state.surroundings.map, now, &look);
+        state.surroundings.map.observe_points(now, &look);
         Ok(())
     }
 }

@@ -21,7 +21,6 @@ use crate::landing::observation::PadObservation;
 use crate::landing::{self, Lander};
 use crate::localize::belief;
 use crate::localize::source::support::SourcePosition;
-use crate::mapping::map;
 use crate::mapping::scan::{Points, Scan};
 use crate::planning::planner::Answer;
 use crate::signal::phase::{self, Phasors};
@@ -170,7 +169,6 @@ pub struct Guidance<const N: usize> {
     known_source_ned_m: Option<Horizontal>,
     phase: phase::Extractor<N>,
     bearing: bearing::BearingEstimator,
-    map: map::Mapper,
     localizer: belief::Localizer,
     searches: bool,
     vehicle_model: vehicle_model::VehicleModel,

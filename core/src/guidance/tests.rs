@@ -417,7 +417,7 @@ fn in_a_crowd_the_fast_loop_heeds_the_nearest_obstacles_and_otherwise_all_that_a
             })
             .collect();
         for part in circles.chunks(64) {
-            guidance.map.observe_circles(&mut state.surroundings.map, Instant(1), Horizontal::default(), part).unwrap();
+            state.surroundings.map.observe_circles(Instant(1), Horizontal::default(), part).unwrap();
         }
         near::gather(
             &guidance.guard,
@@ -500,7 +500,7 @@ fn what_is_near_is_as_far_as_the_vehicle_needs_to_stop() {
         let mut fastest_mps = 0.0_f32;
         for _ in 0..10_000 {
             let (around, guard_state) = (&mut state.surroundings, &mut state.control.guard);
-            guidance.map.observe_circles(&mut around.map, Instant(1), vehicle.position, &[post]).unwrap();
+            around.map.observe_circles(Instant(1), vehicle.position, &[post]).unwrap();
             near::gather(&guidance.guard, guidance.near_m, &around.map, vehicle.position, &mut around.near);
             let commands = vehicle.pending.iter().map(|setpoint| setpoint.velocity_ned_mps.horizontal());
             let pending = commands.fold(Horizontal::default(), Horizontal::plus).times(DT);

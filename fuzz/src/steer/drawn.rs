@@ -169,8 +169,6 @@ pub(super) fn guidance_config(draw: &mut Draw<'_>) -> guidance::Config {
         ..usual
     };
     if draw.flag() {
-        config.map.moving_memory_s = draw.field(config.map.moving_memory_s, 0.1, 60.0);
-        config.map.clear_scans = draw.below(6);
         config.goal.target_distance_m = draw.field(config.goal.target_distance_m, 0.5, 20.0);
         config.vehicle_model.dead_time_s = draw.field(config.vehicle_model.dead_time_s, 0.0, 0.1);
         config.vehicle_model.lag_s = draw.field(config.vehicle_model.lag_s, 0.0, 5.0);

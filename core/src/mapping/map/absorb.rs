@@ -6,7 +6,9 @@
 use heapless::Vec;
 
 use super::index::Index;
-use super::{AVERAGED, DOOMED, FRONT_M, GATE, GATE_M, Known, Map, Mapper, Origin, RIM_M, STICK_OUT_M, known_of};
+use super::{
+    AVERAGED, CLEAR_SCANS, COVER_M, DOOMED, FRONT_M, GATE, GATE_M, Known, Map, Origin, RIM_M, STICK_OUT_M, known_of,
+};
 use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
@@ -47,7 +49,6 @@ impl Bits {
 struct Covered<'a> {
     points_m: &'a [Horizontal],
     face_m: Horizontal,
-    margin_m: f32,
     /// Direction of the hits, the largest distance of each from the middle of its sector, and its estimated distance
     /// from there.
     toward: Horizontal,
@@ -62,7 +63,7 @@ struct Covered<'a> {
 impl Covered<'_> {
     /// Records which hits a circle covers; `center_m` is its centre relative to the sensor.
     fn mark(&mut self, known: &Known, center_m: Horizontal) {
-        let reach_m = known.radius_m + self.margin_m;
+        let reach_m = known.radius_m + COVER_M;
         let covers = |point: Horizontal| point.minus(center_m).norm_squared() <= reach_m * reach_m;
         let is_round = known.is_round();
         for (index, point) in self.points_m.iter().enumerate().take(POINTS_MAX) {
@@ -88,7 +89,7 @@ impl Covered<'_> {
     #[inline(never)]
     fn mark_beside(&mut self, known: &Known, center_m: Horizontal) {
         // Half of the margin allows for the arc, which is approximated by a straight line.
-        let reach_m = known.radius_m + 0.5 * self.margin_m;
+        let reach_m = known.radius_m + 0.5 * COVER_M;
         let toward = self.toward;
         let beside_m = self.beside_m;
         let covers = |point: Horizontal, side: i8| {
@@ -168,16 +169,9 @@ impl View<'_> {
     }
 }
 
-impl Mapper {
+impl Map {
     /// Merges a detection of a scan into the store.
-    pub(super) fn absorb(
-        &self,
-        map: &mut Map,
-        index: &mut Index,
-        now: Instant,
-        segmentation: &Segmentation,
-        seen: &Detection,
-    ) {
+    pub(super) fn absorb(&mut self, index: &mut Index, now: Instant, segmentation: &Segmentation, seen: &Detection) {
         let origin = segmentation.origin_ned_m;
         let center = seen.center_ned_m.minus(origin);
         let face_m = seen.face_ned_m.minus(origin);
@@ -185,7 +179,6 @@ impl Mapper {
         let mut covered = Covered {
             points_m: segmentation.points_of(seen),
             face_m,
-            margin_m: self.config.cover_m,
             toward,
             beside_m,
             sides: segmentation.sides.get(usize::from(seen.from)..usize::from(seen.to)).unwrap_or_default(),
@@ -193,13 +186,12 @@ impl Mapper {
             by_round: Bits::default(),
             is_face: false,
         };
-        let beyond_m =
-            seen.radius_m + if covered.margin_m + OUT_M > GATE_M { covered.margin_m + OUT_M } else { GATE_M };
+        let beyond_m = seen.radius_m + if COVER_M + OUT_M > GATE_M { COVER_M + OUT_M } else { GATE_M };
         // Pillars that it may match, and the nearest of them.
         let mut met: Vec<u8, MET_MAX> = Vec::new();
         let mut nearest: Option<(usize, f32)> = None;
         for at in index.near(seen.center_ned_m, beyond_m) {
-            let Some(known) = map.known.get_mut(at) else { continue };
+            let Some(known) = self.known.get_mut(at) else { continue };
             let away = known.center_ned_m.minus(origin);
             let squared = away.minus(center).norm_squared();
             let reach_m = known.radius_m + beyond_m;
@@ -226,14 +218,14 @@ impl Mapper {
             covered.mark(known, away);
         }
         if let Some((at, _)) = nearest
-            && let Some(known) = map.known.get_mut(at)
+            && let Some(known) = self.known.get_mut(at)
         {
-            self.refine(known, now, seen, covered.points_m, origin);
+            known.refine(now, seen, covered.points_m, origin);
             index.place(at, known);
         }
-        let best = nearest.and_then(|(at, _)| map.known.get(at)).copied();
+        let best = nearest.and_then(|(at, _)| self.known.get(at)).copied();
         for at in met {
-            let Some(known) = map.known.get_mut(usize::from(at)) else { continue };
+            let Some(known) = self.known.get_mut(usize::from(at)) else { continue };
             if best.is_some_and(|best| is_within(known, &best)) {
                 known.clear_scans = DOOMED;
                 index.doom(usize::from(at));
@@ -251,13 +243,13 @@ impl Mapper {
             Kind::Patch => covered.all.has_first(count) && (covered.is_face || seen.to <= seen.from + 1),
         };
         if !is_covered && let Some(known) = known_of(now, seen) {
-            map.add(index, known);
+            self.add(index, known);
         }
     }
 
     /// Counts, for every circle within the range of a scan, the scans in a row that see through it, and marks those
     /// with too many to be forgotten.
-    pub(super) fn judge(&self, map: &mut Map, scan: &Scan, pose: &Pose) {
+    pub(super) fn judge(&mut self, scan: &Scan, pose: &Pose) {
         let view = View {
             scan,
             origin_ned_m: pose.position_ned_m,
@@ -265,7 +257,7 @@ impl Mapper {
             turn: scan.turn().map(|turn| turn as i32),
             outermost_ray: scan.in_sectors(RAYS_MAX).outermost_ray(),
         };
-        for known in &mut map.known {
+        for known in &mut self.known {
             let away = known.center_ned_m.minus(view.origin_ned_m);
             let squared = away.norm_squared();
             let range_max_m = scan.range_max_m;
@@ -274,7 +266,7 @@ impl Mapper {
             }
             let passes = view.passes(known, away, squared * inverse_root(squared));
             known.clear_scans = if passes { known.clear_scans.saturating_add(1) } else { 0 };
-            if known.clear_scans >= self.config.clear_scans {
+            if known.clear_scans >= CLEAR_SCANS {
                 known.clear_scans = DOOMED;
             }
         }

@@ -3,12 +3,12 @@
 //! Circles delivered by a sensor replace what was known there. A scan of hits ([`Segmentation`]) is processed as
 //! follows:
 //!
-//! 1. A circle that the sensor sees through, in the middle or at a side, for [`Config::clear_scans`] scans in a row is
+//! 1. A circle that the sensor sees through, in the middle or at a side, for `CLEAR_SCANS` scans in a row is
 //!    forgotten.
 //! 2. A pillar that matches a known one is averaged into it (`motion`: an alpha-beta filter whose memory grows), unless
 //!    it is much less accurate than the known one; worse measurements of the same pillar are forgotten. If the average
 //!    would not cover the new hits, the pillar is added as a separate circle.
-//! 3. Patches are added where a hit is not in a known circle, or within [`Config::cover_m`] of it, yet; patches inside
+//! 3. Patches are added where a hit is not in a known circle, or within `COVER_M` of it, yet; patches inside
 //!    a pillar are removed. An obstacle that a wide sector reports from more than a metre away may also be a little
 //!    beside its hit (`absorb`).
 //!
@@ -26,7 +26,6 @@
 
 use heapless::Vec;
 
-use crate::base::error::{ConfigError, check};
 use crate::base::math::{inverse_root, sqrt};
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Circle, Disc};
@@ -69,63 +68,12 @@ const AVERAGED: u8 = u8::MAX - 1;
 const STOOD_S: f32 = 3.0;
 /// A hit farther behind a circle's front than this is evidence against the circle.
 const FRONT_M: f32 = 0.08;
-
-/// Configuration of the map.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Config {
-    /// A circle that moves is forgotten when unseen for this long.
-    pub moving_memory_s: f32,
-    /// Number of scans in a row that see through a circle before it is forgotten.
-    pub clear_scans: u8,
-    /// A hit this close to a known circle is part of it.
-    pub cover_m: f32,
-    /// A circle slower than this counts as standing.
-    pub moving_min_mps: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self { moving_memory_s: 3.0, clear_scans: 3, cover_m: 0.018, moving_min_mps: 0.10 }
-    }
-}
-
-impl Config {
-    /// Checks the configuration.
-    ///
-    /// # Errors
-    /// The field that is out of range.
-    pub fn build(&self) -> Result<Mapper, ConfigError> {
-        check("map.moving_memory_s", self.moving_memory_s, 0.1, 60.0)?;
-        check("map.clear_scans", f32::from(self.clear_scans), 1.0, 100.0)?;
-        check("map.cover_m", self.cover_m, 0.001, 0.5)?;
-        check("map.moving_min_mps", self.moving_min_mps, 0.01, 5.0)?;
-        Ok(Mapper { config: *self })
-    }
-}
-
-/// The configured stage.
-///
-/// ```
-/// # use foxhound_core::ConfigError;
-/// use foxhound_core::base::ned::Horizontal;
-/// use foxhound_core::base::obstacle::Circle;
-/// use foxhound_core::base::time::Instant;
-/// use foxhound_core::mapping::map::{Config, Map};
-///
-/// let mapper = Config::default().build()?;
-/// let mut map = Map::default();
-/// let center_ned_m = Horizontal { north: 3.0, east: 1.0 };
-/// let pillar = Circle { center_ned_m, radius_m: 0.2, ..Circle::default() };
-/// let here = Horizontal::default();
-/// assert!(mapper.observe_circles(&mut map, Instant(0), here, &[pillar]).is_ok());
-/// assert!(map.circles().eq([pillar]));
-/// # Ok::<(), ConfigError>(())
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mapper {
-    config: Config,
-}
+/// A circle that moves is forgotten when unseen for this long.
+const MOVING_MEMORY_S: f32 = 3.0;
+/// Number of scans in a row that see through a circle before it is forgotten.
+const CLEAR_SCANS: u8 = 3;
+/// A hit this close to a known circle is part of it.
+const COVER_M: f32 = 0.018;
 
 /// The origin of a remembered circle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -175,9 +123,54 @@ impl Known {
             velocity_ned_mps: self.velocity_ned_mps(),
         }
     }
+
+    /// Averages in a pillar that matches it.
+    fn refine(&mut self, now: Instant, seen: &Detection, points_m: &[Horizontal], origin_ned_m: Horizontal) {
+        let now_ms = millis(now);
+        self.clear_scans = AVERAGED;
+        let covers = |known: &Self| {
+            let center = known.center_ned_m.minus(origin_ned_m);
+            let reach_m = known.radius_m + COVER_M;
+            points_m.iter().all(|point| point.minus(center).norm_squared() <= reach_m * reach_m)
+        };
+        let before = *self;
+        let is_glimpse = seen.sigma_m > 2.0 * self.sigma_m && covers(self);
+        if !is_glimpse {
+            let dt_s = seconds_between(self.seen_ms, now_ms);
+            let share = self.sigma_m * self.sigma_m / (self.sigma_m * self.sigma_m + seen.sigma_m * seen.sigma_m);
+            let sighting = Sighting { center: seen.center_ned_m, sigma_m: seen.sigma_m, share, dt_s };
+            let center = self.center_ned_m;
+            self.center_ned_m = self.motion.step(&mut self.slope_or_front, center, &sighting);
+            self.radius_m += (seen.radius_m - self.radius_m) * share;
+            let sigma_m = self.sigma_m * sqrt(1.0 - share);
+            self.sigma_m = if sigma_m > SIGMA_MIN_M { sigma_m } else { SIGMA_MIN_M };
+            if !covers(self) {
+                // The average does not cover the hits, so it was another obstacle in part: the known pillar stays as it
+                // was until scans see through it.
+                *self = before;
+                return;
+            }
+            self.origin = Origin::Seen(Kind::Pillar);
+        }
+        self.seen_ms = now_ms;
+    }
 }
 
 /// The store.
+///
+/// ```
+/// use foxhound_core::base::ned::Horizontal;
+/// use foxhound_core::base::obstacle::Circle;
+/// use foxhound_core::base::time::Instant;
+/// use foxhound_core::mapping::map::Map;
+///
+/// let mut map = Map::default();
+/// let center_ned_m = Horizontal { north: 3.0, east: 1.0 };
+/// let pillar = Circle { center_ned_m, radius_m: 0.2, ..Circle::default() };
+/// let here = Horizontal::default();
+/// assert!(map.observe_circles(Instant(0), here, &[pillar]).is_ok());
+/// assert!(map.circles().eq([pillar]));
+/// ```
 #[derive(Clone, Debug, Default)]
 pub struct Map {
     known: Vec<Known, CIRCLES_MAX>,
@@ -262,44 +255,42 @@ impl Map {
             *old = known;
         }
     }
-}
 
-impl Mapper {
     /// Processes the circles fitted to a scan; circles that scans see through are forgotten after some scans.
-    pub fn observe_scan(&self, map: &mut Map, now: Instant, scan: &Scan, pose: &Pose, segmentation: &Segmentation) {
-        self.begin_look(map, now);
-        map.has_scanned = true;
-        map.note_taken(segmentation.time, now);
-        self.judge(map, scan, pose);
-        map.sweep();
-        self.take_in(map, now, segmentation);
+    pub fn observe_scan(&mut self, now: Instant, scan: &Scan, pose: &Pose, segmentation: &Segmentation) {
+        self.begin_look(now);
+        self.has_scanned = true;
+        self.note_taken(segmentation.time, now);
+        self.judge(scan, pose);
+        self.sweep();
+        self.take_in(now, segmentation);
     }
 
     /// Processes the circles fitted to points. No circle is forgotten because of points: they do not show free space.
-    pub fn observe_points(&self, map: &mut Map, now: Instant, segmentation: &Segmentation) {
-        self.begin_look(map, now);
-        if !map.has_scanned {
-            map.note_taken(segmentation.time, now);
+    pub fn observe_points(&mut self, now: Instant, segmentation: &Segmentation) {
+        self.begin_look(now);
+        if !self.has_scanned {
+            self.note_taken(segmentation.time, now);
         }
-        self.take_in(map, now, segmentation);
+        self.take_in(now, segmentation);
     }
 
-    fn begin_look(&self, map: &mut Map, now: Instant) {
-        self.advance(map, now);
-        for known in map.known.iter_mut().filter(|known| known.clear_scans == AVERAGED) {
+    fn begin_look(&mut self, now: Instant) {
+        self.advance(now);
+        for known in self.known.iter_mut().filter(|known| known.clear_scans == AVERAGED) {
             known.clear_scans = 0;
         }
     }
 
     #[inline(never)]
-    fn take_in(&self, map: &mut Map, now: Instant, segmentation: &Segmentation) {
+    fn take_in(&mut self, now: Instant, segmentation: &Segmentation) {
         let mut index = Index::new(segmentation.origin_ned_m);
-        index.place_all(&map.known);
-        self.thin_out(map, &mut index);
+        index.place_all(&self.known);
+        self.thin_out(&mut index);
         for seen in &segmentation.detections {
-            self.absorb(map, &mut index, now, segmentation, seen);
+            self.absorb(&mut index, now, segmentation, seen);
         }
-        map.sweep();
+        self.sweep();
     }
 
     /// Processes circles from a sensor that delivers circles, as of now: they replace what was known there.
@@ -307,23 +298,22 @@ impl Mapper {
     /// # Errors
     /// None of the circles is plausible.
     pub fn observe_circles(
-        &self,
-        map: &mut Map,
+        &mut self,
         now: Instant,
         vehicle_ned_m: Horizontal,
         circles: &[Circle],
     ) -> Result<(), Refusal> {
-        self.advance(map, now);
+        self.advance(now);
         let (taken, left) = circles.split_at(circles.len().min(DELIVERY_MAX));
-        map.overflow_count = map.overflow_count.saturating_add(left.len() as u32);
+        self.overflow_count = self.overflow_count.saturating_add(left.len() as u32);
         let mut plausible = taken.iter().filter(|circle| circle.is_plausible()).peekable();
         if plausible.peek().is_none() && !taken.is_empty() {
             return Err(Refusal::Absurd);
         }
-        map.note_taken(now, now);
+        self.note_taken(now, now);
         let now_ms = millis(now);
         let mut index = Index::new(vehicle_ned_m);
-        index.place_all(&map.known);
+        index.place_all(&self.known);
         let mut next = 0;
         for circle in plausible {
             let known = Known {
@@ -342,10 +332,10 @@ impl Mapper {
             // A sensor usually delivers standing obstacles in the same order each time, so the search for a circle that was
             // delivered before with the same values begins after the last one found.
             let is_again = |k: &Known| k.origin == Origin::Given && k.circle() == *circle;
-            let mut again = Some(next).filter(|at| map.known.get(*at).is_some_and(is_again));
+            let mut again = Some(next).filter(|at| self.known.get(*at).is_some_and(is_again));
             let mut nearby = None;
             for at in near {
-                let Some(k) = map.known.get_mut(at) else { continue };
+                let Some(k) = self.known.get_mut(at) else { continue };
                 if k.origin != Origin::Given && holds(circle, k) {
                     // Circles fitted to hits are replaced where the sensor delivers the whole obstacle.
                     k.clear_scans = DOOMED;
@@ -358,22 +348,22 @@ impl Mapper {
             }
             match again.or(nearby) {
                 Some(at) => {
-                    if let Some(old) = map.known.get_mut(at) {
+                    if let Some(old) = self.known.get_mut(at) {
                         *old = known;
                     }
                     index.place(at, &known);
                     next = at + 1;
                 }
-                None => map.add(&mut index, known),
+                None => self.add(&mut index, known),
             }
         }
-        map.sweep();
+        self.sweep();
         Ok(())
     }
 
     /// Forgets circles fitted to hits where moving objects are now, but not what stood there before they came: they may hide it.
     #[inline(never)]
-    pub fn vacate(&self, map: &mut Map, now: Instant, centers_ned_m: &[Horizontal], radius_m: f32) {
+    pub fn vacate(&mut self, now: Instant, centers_ned_m: &[Horizontal], radius_m: f32) {
         let squared_m2 = radius_m * radius_m;
         let is_left =
             |place: Horizontal| centers_ned_m.iter().any(|center| place.minus(*center).norm_squared() < squared_m2);
@@ -385,66 +375,27 @@ impl Mapper {
             Origin::Seen(Kind::Patch) => seconds_between(known.seen_ms, now_ms) > STOOD_S,
         };
         if !centers_ned_m.is_empty() {
-            map.known.retain(|known| stood_before(known) || !is_left(known.center_ned_m));
+            self.known.retain(|known| stood_before(known) || !is_left(known.center_ned_m));
         }
     }
 
     /// Moves circles on with their velocity, and forgets moving ones that were unseen for too long, or whose age is not known since the
     /// clock was set back.
-    pub fn advance(&self, map: &mut Map, now: Instant) {
-        if map.carried == now {
+    pub fn advance(&mut self, now: Instant) {
+        if self.carried == now {
             return;
         }
-        let (dt_s, is_set_back) = (now.seconds_since(map.carried), now < map.carried);
-        map.carried = now;
-        let (memory_s, now_ms) = (self.config.moving_memory_s, millis(now));
-        map.known.retain_mut(|known| {
+        let (dt_s, is_set_back) = (now.seconds_since(self.carried), now < self.carried);
+        self.carried = now;
+        let now_ms = millis(now);
+        self.known.retain_mut(|known| {
             let velocity = known.velocity_ned_mps();
             if velocity.norm_squared() == 0.0 {
                 return true;
             }
             known.center_ned_m = known.center_ned_m.plus(velocity.times(dt_s));
-            !is_set_back && seconds_between(known.seen_ms, now_ms) <= memory_s && known.circle().is_plausible()
+            !is_set_back && seconds_between(known.seen_ms, now_ms) <= MOVING_MEMORY_S && known.circle().is_plausible()
         });
-    }
-
-    /// Averages a pillar into the known one that it matches.
-    fn refine(
-        &self,
-        known: &mut Known,
-        now: Instant,
-        seen: &Detection,
-        points_m: &[Horizontal],
-        origin_ned_m: Horizontal,
-    ) {
-        let now_ms = millis(now);
-        known.clear_scans = AVERAGED;
-        let margin_m = self.config.cover_m;
-        let covers = |known: &Known| {
-            let center = known.center_ned_m.minus(origin_ned_m);
-            let reach_m = known.radius_m + margin_m;
-            points_m.iter().all(|point| point.minus(center).norm_squared() <= reach_m * reach_m)
-        };
-        let before = *known;
-        let is_glimpse = seen.sigma_m > 2.0 * known.sigma_m && covers(known);
-        if !is_glimpse {
-            let dt_s = seconds_between(known.seen_ms, now_ms);
-            let share = known.sigma_m * known.sigma_m / (known.sigma_m * known.sigma_m + seen.sigma_m * seen.sigma_m);
-            let sighting = Sighting { center: seen.center_ned_m, sigma_m: seen.sigma_m, share, dt_s };
-            let (center, least_mps) = (known.center_ned_m, self.config.moving_min_mps);
-            known.center_ned_m = known.motion.step(&mut known.slope_or_front, center, &sighting, least_mps);
-            known.radius_m += (seen.radius_m - known.radius_m) * share;
-            let sigma_m = known.sigma_m * sqrt(1.0 - share);
-            known.sigma_m = if sigma_m > SIGMA_MIN_M { sigma_m } else { SIGMA_MIN_M };
-            if !covers(known) {
-                // The average does not cover the hits, so it was another obstacle in part: the known pillar stays as it
-                // was until scans see through it.
-                *known = before;
-                return;
-            }
-            known.origin = Origin::Seen(Kind::Pillar);
-        }
-        known.seen_ms = now_ms;
     }
 }
 

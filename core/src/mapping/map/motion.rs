@@ -21,6 +21,8 @@ const SIGMAS: f32 = 4.0;
 /// Number of significant scans in a row after which the pillar counts as moving; as many insignificant ones and it
 /// counts as standing.
 const STEADY: u8 = 3;
+/// A circle slower than this counts as standing.
+const MOVING_MIN_MPS: f32 = 0.10;
 /// Upper limit of the speed.
 const SPEED_MAX_MPS: f32 = 20.0;
 
@@ -60,13 +62,7 @@ impl Motion {
     }
 
     /// The centre after one more measurement.
-    pub(super) fn step(
-        &mut self,
-        slope_mps: &mut Horizontal,
-        center: Horizontal,
-        seen: &Sighting,
-        moving_min_mps: f32,
-    ) -> Horizontal {
+    pub(super) fn step(&mut self, slope_mps: &mut Horizontal, center: Horizontal, seen: &Sighting) -> Horizontal {
         if seen.sigma_m > SIGMA_MAX_M || seen.dt_s > PAUSE_S || !(seen.dt_s > 0.0) {
             if !self.moves() {
                 *self = Self { scans: 1, steady: 0 };
@@ -84,7 +80,7 @@ impl Motion {
 
         let sigma_m = if seen.sigma_m > SIGMA_FLOOR_M { seen.sigma_m } else { SIGMA_FLOOR_M };
         let doubt_mps = SIGMAS * 3.464 * sigma_m / (seen.dt_s * k * sqrt(k));
-        let least = if doubt_mps > moving_min_mps { doubt_mps } else { moving_min_mps };
+        let least = if doubt_mps > MOVING_MIN_MPS { doubt_mps } else { MOVING_MIN_MPS };
         self.steady = if slope_mps.norm_squared() > least * least {
             (self.steady + 1).min(2 * STEADY)
         } else {

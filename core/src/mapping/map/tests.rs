@@ -43,10 +43,6 @@ fn unknown_scan() -> Scan {
     }
 }
 
-fn mapper() -> Mapper {
-    Config::default().build().unwrap()
-}
-
 /// The circles as they were measured, without the sigma that is added to the reported radius.
 fn measured(map: &Map) -> impl Iterator<Item = Circle> {
     map.known.iter().map(|known| Circle { radius_m: known.radius_m, ..known.circle() })
@@ -54,10 +50,10 @@ fn measured(map: &Map) -> impl Iterator<Item = Circle> {
 
 #[test]
 fn repeated_looks_at_one_pillar_sharpen_one_circle() {
-    let (mapper, mut map) = (mapper(), Map::default());
+    let mut map = Map::default();
     let looks = [pillar(2.0, 0.1, 0.3, 0.05), pillar(2.01, 0.0, 0.2, 0.01), pillar(1.99, 0.0, 0.2, 0.01)];
     for look in &looks {
-        mapper.observe_scan(&mut map, Instant(1), &unknown_scan(), &Pose::default(), look);
+        map.observe_scan(Instant(1), &unknown_scan(), &Pose::default(), look);
     }
     let circles: StdVec<_> = measured(&map).collect();
     assert_eq!(circles.len(), 1);
@@ -66,12 +62,11 @@ fn repeated_looks_at_one_pillar_sharpen_one_circle() {
 
 #[test]
 fn a_glimpse_of_a_pillars_edge_adds_no_ghost_before_or_after_the_pillar_itself() {
-    let mapper = mapper();
     let (pillar, glimpse) = (pillar(2.0, 0.0, 0.3, 0.01), pillar(1.85, 0.2, 0.05, 0.08));
     for looks in [[pillar.clone(), glimpse.clone()], [glimpse, pillar]] {
         let mut map = Map::default();
         for look in &looks {
-            mapper.observe_scan(&mut map, Instant(1), &unknown_scan(), &Pose::default(), look);
+            map.observe_scan(Instant(1), &unknown_scan(), &Pose::default(), look);
         }
         let circles: StdVec<_> = measured(&map).collect();
         assert_eq!(circles.len(), 1, "{circles:?}");
@@ -81,15 +76,15 @@ fn a_glimpse_of_a_pillars_edge_adds_no_ghost_before_or_after_the_pillar_itself()
 
 #[test]
 fn a_post_stays_known_when_only_its_neighbour_15_centimetres_away_is_seen_any_more() {
-    let (mapper, mut map) = (mapper(), Map::default());
+    let mut map = Map::default();
     for _ in 0..3 {
         let look = pillar(2.0, 0.0, 0.075, 0.01);
-        mapper.observe_scan(&mut map, Instant(1), &unknown_scan(), &Pose::default(), &look);
+        map.observe_scan(Instant(1), &unknown_scan(), &Pose::default(), &look);
     }
     // First much too large, as a part of a row of pillars can seem, then better, then accurate.
     for (radius_m, sigma_m) in [(0.15, 0.05), (0.09, 0.04), (0.075, 0.01)] {
         let look = pillar(2.0, 0.15, radius_m, sigma_m);
-        mapper.observe_scan(&mut map, Instant(2), &unknown_scan(), &Pose::default(), &look);
+        map.observe_scan(Instant(2), &unknown_scan(), &Pose::default(), &look);
         let far_side = Horizontal { north: 2.0, east: -0.07 };
         let knows = measured(&map).any(|c| c.center_ned_m.minus(far_side).norm() < c.radius_m + 0.02);
         assert!(knows, "{radius_m} {sigma_m}: {:?}", map.circles().collect::<StdVec<_>>());
@@ -98,11 +93,11 @@ fn a_post_stays_known_when_only_its_neighbour_15_centimetres_away_is_seen_any_mo
 
 #[test]
 fn a_guess_from_far_is_forgotten_when_its_pillar_is_measured_from_near() {
-    let (mapper, mut map) = (mapper(), Map::default());
+    let mut map = Map::default();
     // Two inaccurate circles on either side of it, too far apart to be merged; then the pillar.
     for (east, radius_m, sigma_m) in [(0.2, 0.12, 0.06), (0.0, 0.05, 0.14), (0.105, 0.12, 0.005)] {
         let look = pillar(2.0, east, radius_m, sigma_m);
-        mapper.observe_scan(&mut map, Instant(1), &unknown_scan(), &Pose::default(), &look);
+        map.observe_scan(Instant(1), &unknown_scan(), &Pose::default(), &look);
     }
     let circles: StdVec<_> = map.circles().collect();
     assert!(circles.len() == 1 && circles[0].radius_m < 0.135, "{circles:?}");
@@ -110,10 +105,10 @@ fn a_guess_from_far_is_forgotten_when_its_pillar_is_measured_from_near() {
 
 #[test]
 fn the_farthest_circle_gives_way_when_the_store_is_full() {
-    let (mapper, mut map) = (mapper(), Map::default());
+    let mut map = Map::default();
     for k in 0..CIRCLES_MAX as i32 + 10 {
         let far = circle(300.0 - k as f32, 0.0, 0.2);
-        mapper.observe_circles(&mut map, Instant(1), Horizontal::default(), &[far]).unwrap();
+        map.observe_circles(Instant(1), Horizontal::default(), &[far]).unwrap();
     }
     assert_eq!(map.circles().count(), CIRCLES_MAX);
     assert_eq!(map.overflow_count(), 10);
@@ -122,21 +117,18 @@ fn the_farthest_circle_gives_way_when_the_store_is_full() {
 
 #[test]
 fn a_circle_that_is_seen_through_is_forgotten_after_three_looks() {
-    let (mapper, mut map) = (mapper(), Map::default());
-    mapper
-        .observe_circles(&mut map, Instant(1), Horizontal::default(), &[circle(2.0, 0.0, 0.2), circle(-2.0, 0.0, 0.2)])
-        .unwrap();
+    let mut map = Map::default();
+    map.observe_circles(Instant(1), Horizontal::default(), &[circle(2.0, 0.0, 0.2), circle(-2.0, 0.0, 0.2)]).unwrap();
     let scan = Scan { rays: [Sector::Clear; SECTORS_MAX].into_iter().collect(), ..unknown_scan() };
     for look in 0..3 {
         assert_eq!(map.circles().count(), 2, "{look}");
-        mapper.observe_scan(&mut map, Instant(1), &scan, &Pose::default(), &Segmentation::default());
+        map.observe_scan(Instant(1), &scan, &Pose::default(), &Segmentation::default());
     }
     assert_eq!(map.circles().count(), 1, "the one behind is out of sight and stays");
 }
 
 #[test]
 fn what_stood_there_before_somebody_came_is_kept_and_what_he_left_is_not() {
-    let mapper = mapper();
     let patch = |mut look: Segmentation| {
         look.detections.iter_mut().for_each(|seen| seen.kind = Kind::Patch);
         look
@@ -151,35 +143,35 @@ fn what_stood_there_before_somebody_came_is_kept_and_what_he_left_is_not() {
         let mut map = Map::default();
         for k in 0_u64..looks {
             let now = Instant(100_000 * k);
-            mapper.observe_scan(&mut map, now, &unknown_scan(), &Pose::default(), &look);
+            map.observe_scan(now, &unknown_scan(), &Pose::default(), &look);
         }
         let now = Instant(100_000 * looks + age_us);
-        mapper.vacate(&mut map, now, &walker, 0.55);
+        map.vacate(now, &walker, 0.55);
         assert_eq!(map.circles().count(), usize::from(is_kept), "{looks} looks, {age_us} us");
-        mapper.vacate(&mut map, now, &[Horizontal { north: 2.0, east: 0.6 }], 0.55);
+        map.vacate(now, &[Horizontal { north: 2.0, east: 0.6 }], 0.55);
         assert_eq!(map.circles().count(), usize::from(is_kept), "too far away");
     }
 }
 
 #[test]
 fn moving_circles_move_and_are_forgotten_when_unseen() {
-    let (mapper, mut map) = (mapper(), Map::default());
+    let mut map = Map::default();
     let mover = Circle { velocity_ned_mps: Horizontal { north: 0.5, east: 0.0 }, ..circle(1.0, 0.0, 0.2) };
-    mapper.observe_circles(&mut map, Instant(0), Horizontal::default(), &[mover]).unwrap();
-    mapper.advance(&mut map, Instant(1_000_000));
+    map.observe_circles(Instant(0), Horizontal::default(), &[mover]).unwrap();
+    map.advance(Instant(1_000_000));
     let north = map.circles().next().unwrap().center_ned_m.north;
     assert!((north - 1.5).abs() < 1e-3, "{north}");
-    mapper.advance(&mut map, Instant(5_000_000));
+    map.advance(Instant(5_000_000));
     assert_eq!(map.circles().count(), 0);
 }
 
 #[test]
 fn circles_of_one_delivery_that_stand_close_together_are_all_kept_and_a_repeated_one_once() {
-    let (mapper, mut map) = (mapper(), Map::default());
+    let mut map = Map::default();
     let wall: [Circle; 20] = core::array::from_fn(|k| circle(1.0 + 0.1 * (k / 5) as f32, 0.1 * (k % 5) as f32, 0.3));
     for delivery in 0..5 {
         let now = Instant(delivery * 100_000);
-        mapper.observe_circles(&mut map, now, Horizontal::default(), &[wall, wall].concat()).unwrap();
+        map.observe_circles(now, Horizontal::default(), &[wall, wall].concat()).unwrap();
         assert!(wall.iter().all(|circle| map.circles().any(|known| known == *circle)), "delivery {delivery}");
         assert_eq!(map.circles().count(), wall.len());
     }
@@ -196,10 +188,8 @@ fn a_hit_of_a_wide_sector_may_be_of_what_stands_beside_it_at_its_distance_and_a_
         (1.0, 0.09, 0.0, 1),
         (1.0, 0.13, 0.0, 2),
     ] {
-        let (mapper, mut map) = (mapper(), Map::default());
-        mapper
-            .observe_circles(&mut map, Instant(1), Horizontal::default(), &[circle(2.1 - nearer_m, 0.1 + east, 0.1)])
-            .unwrap();
+        let mut map = Map::default();
+        map.observe_circles(Instant(1), Horizontal::default(), &[circle(2.1 - nearer_m, 0.1 + east, 0.1)]).unwrap();
         let hit = Horizontal { north: 2.1, east: 0.0 };
         let patch = Detection {
             kind: Kind::Patch,
@@ -218,21 +208,21 @@ fn a_hit_of_a_wide_sector_may_be_of_what_stands_beside_it_at_its_distance_and_a_
             detections: Vec::from_slice(&[patch]).unwrap(),
             ..Segmentation::default()
         };
-        mapper.observe_points(&mut map, Instant(2), &look);
+        map.observe_points(Instant(2), &look);
         assert_eq!(map.circles().count(), circles, "{beside_rad} rad, {east} m, {nearer_m} m");
     }
 }
 
 #[test]
 fn absurd_circles_are_refused() {
-    let (mapper, mut map) = (mapper(), Map::default());
+    let mut map = Map::default();
     let bad =
         [circle(f32::NAN, 0.0, 0.2), circle(0.0, 0.0, -1.0), circle(0.0, 0.0, f32::INFINITY), circle(0.0, 0.0, 1e9)];
-    mapper.observe_circles(&mut map, Instant(0), Horizontal::default(), &bad).unwrap_err();
+    map.observe_circles(Instant(0), Horizontal::default(), &bad).unwrap_err();
     assert_eq!((map.circles().count(), map.taken()), (0, None));
     // A valid one among them is accepted.
     let one = [bad[0], circle(1.0, 0.0, 0.2)];
-    mapper.observe_circles(&mut map, Instant(3), Horizontal::default(), &one).unwrap();
+    map.observe_circles(Instant(3), Horizontal::default(), &one).unwrap();
     assert_eq!((map.circles().count(), map.taken()), (1, Some(Instant(3))));
 }
 
@@ -244,29 +234,29 @@ fn a_circle_takes_32_bytes_and_the_store_little_else() {
 
 #[test]
 fn a_circle_is_told_larger_by_its_sigma_and_an_exact_one_is_not() {
-    let (mapper, mut map) = (mapper(), Map::default());
-    mapper.observe_points(&mut map, Instant(1), &pillar(2.0, 0.0, 0.3, 0.02));
-    mapper.observe_circles(&mut map, Instant(1), Horizontal::default(), &[circle(-2.0, 0.0, 0.3)]).unwrap();
+    let mut map = Map::default();
+    map.observe_points(Instant(1), &pillar(2.0, 0.0, 0.3, 0.02));
+    map.observe_circles(Instant(1), Horizontal::default(), &[circle(-2.0, 0.0, 0.3)]).unwrap();
     let radii: StdVec<f32> = map.circles().map(|c| c.radius_m).collect();
     assert!((radii[0] - 0.32).abs() < 1e-6 && radii[1] == 0.3, "{radii:?}");
 }
 
 #[test]
 fn a_delivery_longer_than_allowed_is_cut_and_counted() {
-    let (mapper, mut map) = (mapper(), Map::default());
+    let mut map = Map::default();
     let many: StdVec<Circle> = (0..10_000).map(|k| circle(k as f32, 0.0, 0.2)).collect();
-    mapper.observe_circles(&mut map, Instant(1), Horizontal::default(), &many).unwrap();
+    map.observe_circles(Instant(1), Horizontal::default(), &many).unwrap();
     assert_eq!((map.circles().count(), map.overflow_count()), (DELIVERY_MAX, 10_000 - DELIVERY_MAX as u32));
-    mapper.observe_circles(&mut map, Instant(2), Horizontal::default(), &many).unwrap();
+    map.observe_circles(Instant(2), Horizontal::default(), &many).unwrap();
     assert_eq!(map.circles().count(), DELIVERY_MAX, "duplicates are one");
 }
 
 #[test]
 fn the_newest_look_counts_and_a_clock_that_was_set_back_does_not_keep_an_old_one_new() {
-    let (mapper, mut map) = (mapper(), Map::default());
+    let mut map = Map::default();
     let mut take = |now: u64, measured: u64| {
         let look = Segmentation { time: Instant(measured), ..Segmentation::default() };
-        mapper.observe_points(&mut map, Instant(now), &look);
+        map.observe_points(Instant(now), &look);
         map.taken()
     };
     assert_eq!(take(500, 400), Some(Instant(400)));
@@ -277,15 +267,15 @@ fn the_newest_look_counts_and_a_clock_that_was_set_back_does_not_keep_an_old_one
 
 #[test]
 fn single_points_do_not_keep_the_map_of_a_lidar_new_that_has_failed() {
-    let (mapper, mut map) = (mapper(), Map::default());
+    let mut map = Map::default();
     let at = |time: u64| Segmentation { time: Instant(time), ..Segmentation::default() };
-    mapper.observe_points(&mut map, Instant(100), &at(100));
+    map.observe_points(Instant(100), &at(100));
     assert_eq!(map.taken(), Some(Instant(100)), "there is nothing else");
-    mapper.observe_scan(&mut map, Instant(200), &unknown_scan(), &Pose::default(), &at(200));
-    mapper.observe_points(&mut map, Instant(900), &at(900));
+    map.observe_scan(Instant(200), &unknown_scan(), &Pose::default(), &at(200));
+    map.observe_points(Instant(900), &at(900));
     assert_eq!(map.taken(), Some(Instant(200)));
     map.clear();
-    mapper.observe_points(&mut map, Instant(1_000), &at(1_000));
+    map.observe_points(Instant(1_000), &at(1_000));
     assert_eq!(map.taken(), Some(Instant(1_000)));
 }
 
@@ -397,14 +387,14 @@ fn every_hit_of_the_last_look_is_in_a_circle_or_within_two_centimetres_or_else_i
     for (name, world) in rooms() {
         for fov_deg in [60.0_f64, 90.0, 360.0] {
             for noise in [0.0, 0.01] {
-                let (mapper, mut map) = (mapper(), Map::default());
+                let mut map = Map::default();
                 for look in 0..120 {
                     let place = (0.9 * f64::from(rng.uniform()), 1.4 * f64::from(rng.uniform()) - 0.7);
                     let yaw = 1.2 * (f64::from(rng.uniform()) - 0.5);
                     let (scan, pose) = world.scan(place, yaw, fov_deg.to_radians(), noise, &mut rng);
                     let seen = scan::fit(&scan, &pose).unwrap();
                     let overflows = map.overflow_count();
-                    mapper.observe_scan(&mut map, Instant(look * 100_000), &scan, &pose, &seen);
+                    map.observe_scan(Instant(look * 100_000), &scan, &pose, &seen);
                     assert!(map.circles().all(|circle| circle.is_plausible()));
                     let out = uncovered_m(&map, &seen);
                     assert!(out < 0.02 || map.overflow_count() > overflows, "{name} {fov_deg} {noise} {look}: {out}");
@@ -417,7 +407,6 @@ fn every_hit_of_the_last_look_is_in_a_circle_or_within_two_centimetres_or_else_i
 
 #[test]
 fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_last_look() {
-    let mapper = mapper();
     let mut rng = Rng::new(8, 0);
     let mut covered = 0;
     for _ in 0..60 {
@@ -441,7 +430,7 @@ fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_la
                             ..circle(number(3.0), number(3.0), number(0.5))
                         })
                         .collect();
-                    _ = mapper.observe_circles(&mut map, Instant(now), pose.position_ned_m, &circles);
+                    _ = map.observe_circles(Instant(now), pose.position_ned_m, &circles);
                     None
                 }
                 kind if kind > -1.0 => {
@@ -459,7 +448,7 @@ fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_la
                     };
                     let look = scan::fit(&scan, &pose).ok();
                     if let Some(look) = &look {
-                        mapper.observe_scan(&mut map, Instant(now), &scan, &pose, look);
+                        map.observe_scan(Instant(now), &scan, &pose, look);
                     }
                     look
                 }
@@ -469,7 +458,7 @@ fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_la
                     let mut look = Segmentation::default();
                     let is_taken = scan::fit_points_into(&mut look, &points, &pose).is_ok();
                     is_taken.then(|| {
-                        mapper.observe_points(&mut map, Instant(now), &look);
+                        map.observe_points(Instant(now), &look);
                         look
                     })
                 }
@@ -491,7 +480,7 @@ fn standing_pillars_do_not_seem_to_move_however_the_view_of_them_changes() {
     let (mut told, mut looks) = (0, 0);
     for (_, world) in rooms() {
         for flight in 0..10 {
-            let (mapper, mut map) = (mapper(), Map::default());
+            let mut map = Map::default();
             for look in 0..40 {
                 // 1 m/s past them, with the nose turning left and right.
                 let along = 0.1 * f64::from(look) - 1.5;
@@ -499,7 +488,7 @@ fn standing_pillars_do_not_seem_to_move_however_the_view_of_them_changes() {
                 let yaw = 0.6 * (0.15 * f64::from(look) + f64::from(flight)).sin();
                 let (scan, pose) = world.scan(place, yaw, 1.571, 0.003, &mut rng);
                 let now = Instant(look as u64 * 100_000);
-                mapper.observe_scan(&mut map, now, &scan, &pose, &scan::fit(&scan, &pose).unwrap());
+                map.observe_scan(now, &scan, &pose, &scan::fit(&scan, &pose).unwrap());
                 told += map.circles().filter(|c| c.velocity_ned_mps.norm_squared() > 0.0).count();
                 looks += map.circles().count();
             }
@@ -512,13 +501,13 @@ fn standing_pillars_do_not_seem_to_move_however_the_view_of_them_changes() {
 fn a_moving_pillar_gets_its_velocity_within_a_second_and_a_half_and_leaves_no_ghosts() {
     let mut rng = Rng::new(10, 0);
     for (vn, ve) in [(0.0, 0.3), (-0.3, 0.0), (-0.3, 0.4), (0.2, -0.5)] {
-        let (mapper, mut map) = (mapper(), Map::default());
+        let mut map = Map::default();
         for look in 0..24 {
             let time = 0.1 * f64::from(look);
             let world = World { pillars: std::vec![[2.2 + vn * time, -0.3 + ve * time, 0.25]], ..World::default() };
             let (scan, pose) = world.scan((0.0, 0.0), 0.0, 1.571, 0.003, &mut rng);
             let now = Instant(look as u64 * 100_000);
-            mapper.observe_scan(&mut map, now, &scan, &pose, &scan::fit(&scan, &pose).unwrap());
+            map.observe_scan(now, &scan, &pose, &scan::fit(&scan, &pose).unwrap());
             if look >= 15 {
                 let nearest = map.circles().find(|c| c.velocity_ned_mps.norm_squared() > 0.0);
                 let nearest = nearest.unwrap_or_else(|| panic!("{vn} {ve} after {time} s: {map:?}"));
@@ -534,11 +523,11 @@ fn a_moving_pillar_gets_its_velocity_within_a_second_and_a_half_and_leaves_no_gh
 fn what_was_seen_once_is_remembered_when_the_view_has_turned_away() {
     let mut rng = Rng::new(11, 0);
     let world = World { pillars: std::vec![[2.0, 0.0, 0.3]], walls: std::vec![[1.0, 1.0, 2.0, 1.2]] };
-    let (mapper, mut map) = (mapper(), Map::default());
+    let mut map = Map::default();
     for look in 0..600_u64 {
         let yaw = if look < 5 { 0.2 } else { 3.0 };
         let (scan, pose) = world.scan((0.0, 0.0), yaw, 1.571, 0.0, &mut rng);
-        mapper.observe_scan(&mut map, Instant(look * 100_000), &scan, &pose, &scan::fit(&scan, &pose).unwrap());
+        map.observe_scan(Instant(look * 100_000), &scan, &pose, &scan::fit(&scan, &pose).unwrap());
     }
     let (scan, pose) = world.scan((0.0, 0.0), 0.2, 1.571, 0.0, &mut rng);
     assert!(uncovered_m(&map, &scan::fit(&scan, &pose).unwrap()) < 0.02);
@@ -548,10 +537,10 @@ fn what_was_seen_once_is_remembered_when_the_view_has_turned_away() {
 fn a_single_scan_of_a_wall_with_a_gap_of_83_centimetres_leaves_the_gap_open() {
     let mut rng = Rng::new(12, 0);
     let world = World { walls: std::vec![[2.0, -3.0, 2.0, -0.415], [2.0, 0.415, 2.0, 3.0]], ..World::default() };
-    let (mapper, mut map) = (mapper(), Map::default());
+    let mut map = Map::default();
     for look in 0..10 {
         let (scan, pose) = world.scan((0.1 * f64::from(look), 0.0), 0.0, 1.571, 0.003, &mut rng);
-        mapper.observe_scan(&mut map, Instant(look as u64 * 100_000), &scan, &pose, &scan::fit(&scan, &pose).unwrap());
+        map.observe_scan(Instant(look as u64 * 100_000), &scan, &pose, &scan::fit(&scan, &pose).unwrap());
     }
     // The vehicle, 15 cm in radius, in the middle of the gap, and before and behind it.
     for north in [1.5, 1.8, 1.9, 2.0, 2.1, 2.2, 2.5] {

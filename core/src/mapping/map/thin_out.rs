@@ -8,7 +8,7 @@
 use core::f32::consts::FRAC_1_SQRT_2;
 
 use super::index::{Index, Places};
-use super::{AVERAGED, CIRCLES_MAX, DOOMED, Known, Map, Mapper, Origin};
+use super::{AVERAGED, CIRCLES_MAX, DOOMED, Known, Map, Origin};
 use crate::base::ned::Horizontal;
 
 /// Number of circles from which on circles are checked.
@@ -53,18 +53,18 @@ const RIM: [(f32, f32); 24] = [
     (0.9659258, -0.258819),
 ];
 
-impl Mapper {
+impl Map {
     /// Forgets those of the next few circles that others cover, if the store fills up.
-    pub(super) fn thin_out(&self, map: &mut Map, index: &mut Index) {
-        if map.known.len() < FULL {
+    pub(super) fn thin_out(&mut self, index: &mut Index) {
+        if self.known.len() < FULL {
             return;
         }
         for _ in 0..ASKED {
-            let next = usize::from(map.asked) + 1;
-            let at = if next < map.known.len() { next } else { 0 };
-            map.asked = at as u8;
-            if is_covered(&map.known, index, at)
-                && let Some(known) = map.known.get_mut(at)
+            let next = usize::from(self.asked) + 1;
+            let at = if next < self.known.len() { next } else { 0 };
+            self.asked = at as u8;
+            if is_covered(&self.known, index, at)
+                && let Some(known) = self.known.get_mut(at)
             {
                 known.clear_scans = DOOMED;
                 index.doom(at);
@@ -133,8 +133,8 @@ mod tests {
     use crate::base::obstacle::Circle;
     use crate::base::rng::Rng;
     use crate::base::time::Instant;
+    use crate::mapping::map::Motion;
     use crate::mapping::map::tests::known;
-    use crate::mapping::map::{Config, Motion};
     use crate::mapping::scan::{Kind, Segmentation};
     use std::vec::Vec;
 
@@ -158,10 +158,8 @@ mod tests {
 
     /// The given number of scans that see nothing.
     fn look(map: &mut Map, looks: u64) {
-        let mapper = Config::default().build().unwrap();
         for at in 0..looks {
-            mapper.observe_points(
-                map,
+            map.observe_points(
                 Instant(100_000 * at),
                 &Segmentation { time: Instant(100_000 * at), ..Segmentation::default() },
             );

@@ -8,19 +8,15 @@ use foxhound_core::base::pose::Pose;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::wrap_pi;
-use foxhound_core::mapping::map::{self, Map};
+use foxhound_core::mapping::map::Map;
 use foxhound_core::mapping::scan::{self, RAYS_MAX, SECTORS_MAX, Scan, Sector};
 use foxhound_core::mapping::tracks::Tracks;
-use foxhound_firmware::board::Board as _;
 
-use crate::{Twin, row};
+use crate::row;
 
 /// A scan until it is in the map, the worst of many scans: past pillars, and of an endless number of circles.
 #[inline(never)]
 pub(super) fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    let Ok(mapper) = map::Config::default().build() else {
-        Twin::halt(format_args!("the built-in obstacle memory does not build"))
-    };
     let mut rng = Rng::new(13, 13);
     let mut flight = |world: &[[f32; 3]], view: View, noise_m: f32, looks: u64| {
         let (mut map, mut tracks) = (Map::default(), Tracks::default());
@@ -36,7 +32,7 @@ pub(super) fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             let fit = measure(&mut || seen = scan::fit(black_box(&scan), &pose).ok());
             let Some(seen) = seen else { return (0, 0, 0) };
             worst_fit = worst_fit.max(fit);
-            let take = measure(&mut || mapper.observe_scan(&mut map, now, &scan, &pose, black_box(&seen)));
+            let take = measure(&mut || map.observe_scan(now, &scan, &pose, black_box(&seen)));
             tracks.advance(now);
             let follow = measure(&mut || {
                 if scan.is_fine() {
