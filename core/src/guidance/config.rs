@@ -4,7 +4,7 @@ use super::near::NEAR_M;
 use super::{Guidance, mission, turning};
 use crate::base::config::{RangeSensor, Vehicle};
 use crate::base::error::{ConfigError, Why, check};
-use crate::control::{evade, guard, track, vehicle_model, wind};
+use crate::control::{evade, guard, vehicle_model, wind};
 use crate::doa::{array, bearing, radio};
 use crate::landing;
 use crate::localize::belief::Localizer;
@@ -57,8 +57,6 @@ pub struct Config {
     pub vehicle_model: vehicle_model::Config,
     /// Estimate of gusts.
     pub wind: wind::Config,
-    /// Waypoint tracker.
-    pub track: track::Config,
     /// Safety filter.
     pub guard: guard::Config,
     /// State machine.
@@ -92,7 +90,6 @@ impl Default for Config {
             planner: planner::Config::default(),
             vehicle_model: vehicle_model::Config::default(),
             wind: wind::Config::default(),
-            track: track::Config::default(),
             guard: guard::Config::default(),
             mission: mission::Config::default(),
             turning: None,
@@ -158,7 +155,6 @@ impl Config {
             searches: self.planner.explore.is_some(),
             vehicle_model,
             wind: self.wind.build(&vehicle_model, self.tick_s)?,
-            track: self.track.build()?,
             evade: evade::Evader::new(
                 &vehicle_model,
                 self.guard.v_max_mps,

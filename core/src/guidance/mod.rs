@@ -14,7 +14,7 @@ use crate::base::obstacle::Circle;
 use crate::base::ownship::{Ownship, Stale};
 use crate::base::time::Instant;
 use crate::control::guard::{self, Setpoint};
-use crate::control::{evade, track, vehicle_model, wind};
+use crate::control::{evade, vehicle_model, wind};
 use crate::doa::bearing::{self, Bearing};
 use crate::guidance::mission::{Control, Outcome};
 use crate::landing::observation::PadObservation;
@@ -173,7 +173,6 @@ pub struct Guidance<const N: usize> {
     searches: bool,
     vehicle_model: vehicle_model::VehicleModel,
     wind: wind::Estimator,
-    track: track::Tracker,
     evade: evade::Evader,
     guard: guard::Guard,
     mission: mission::Mission,

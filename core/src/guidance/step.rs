@@ -8,7 +8,7 @@ use crate::base::ned::Horizontal;
 use crate::base::ownship::{Ownship, Stale};
 use crate::base::trace::Trace;
 use crate::control::guard::{self, GuardInput, Setpoint};
-use crate::control::track::Demand;
+use crate::control::track::{self, Demand};
 use crate::doa::bearing::{Bearing, Flags};
 use crate::landing;
 use crate::localize::source::near::Fix;
@@ -157,7 +157,7 @@ impl<const N: usize> Guidance<N> {
     ) -> Command {
         let (mut demand, ends) = landing_demand(state);
         if let Some(look_ned_rad) = state.control.look_ned_rad {
-            demand.yaw_rate_radps = self.track.turn_to(look_ned_rad, situation.yaw_rad);
+            demand.yaw_rate_radps = track::turn_to(look_ned_rad, situation.yaw_rad);
         }
         // In a descent it does not give way; a hover has the time.
         let evades = ends == Some(Outcome::HandedOver);

@@ -172,10 +172,6 @@ pub(super) fn guidance_config(draw: &mut Draw<'_>) -> guidance::Config {
         config.goal.target_distance_m = draw.field(config.goal.target_distance_m, 0.5, 20.0);
         config.vehicle_model.dead_time_s = draw.field(config.vehicle_model.dead_time_s, 0.0, 0.1);
         config.vehicle_model.lag_s = draw.field(config.vehicle_model.lag_s, 0.0, 5.0);
-        config.track.kp_per_s = draw.field(config.track.kp_per_s, 0.1, 20.0);
-        config.track.ki_per_s2 = draw.field(config.track.ki_per_s2, 0.0, 10.0);
-        config.track.kd = draw.field(config.track.kd, 0.0, 0.9);
-        config.track.yaw_gain_per_s = draw.field(config.track.yaw_gain_per_s, 0.0, 10.0);
         config.mission.obstacles_required = draw.flag();
         config.mission.bearing_age_max_s = draw.field(config.mission.bearing_age_max_s, 0.05, 60.0);
         config.mission.no_path_max_s = draw.field(config.mission.no_path_max_s, 0.5, 600.0);

@@ -22,6 +22,7 @@ use std::time::{Duration, Instant as WallInstant, SystemTime, UNIX_EPOCH};
 use foxhound_core::ConfigError;
 use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::time::Instant;
+use foxhound_core::control::track;
 use foxhound_core::doa::bearing::{Bearing, Estimator};
 use foxhound_core::guidance::mission::{Behaviour, Outcome};
 use foxhound_core::guidance::{self, FrontEnd};
@@ -221,7 +222,7 @@ impl Config {
     /// The largest speed at which a plan is followed, if that is less than the requested one.
     #[must_use]
     pub fn slower_than_asked_mps(&self) -> Option<f64> {
-        let fastest_mps = f64::from(self.mission().guidance().track.fastest_mps());
+        let fastest_mps = f64::from(track::FASTEST_MPS);
         (self.v_max_mps > fastest_mps).then_some(fastest_mps)
     }
 }
