@@ -449,12 +449,8 @@ fn walls(draw: &mut Draw<'_>) -> Reached {
     let usual = walls::Config::DEFAULT;
     let is_in_any_order = draw.flag();
     let config = walls::Config {
-        deviation_m: draw.field(usual.deviation_m, 0.1, 2.0),
         gap_m: draw.field(usual.gap_m, 0.05, 10.0),
         length_min_m: draw.field(usual.length_min_m, 0.1, 5.0),
-        points_min: 3 + draw.below(6),
-        thickness_max: draw.field(usual.thickness_max, 0.01, 0.5),
-        ..usual
     };
     let Ok(lines) = config.build() else { return reached };
     let Ok(mixture) = mixture::Config { walls: config, ..mixture::Config::DEFAULT }.build() else { return reached };

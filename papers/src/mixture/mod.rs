@@ -49,15 +49,14 @@ impl Config {
         check("mixture.concentration", self.concentration, 1e-3, 10.0)?;
         check("mixture.sigma_m", self.sigma_m, 0.005, 1.0)?;
         check("mixture.work_max", self.work_max as f32, 2_048.0, 1e5)?;
-        if self.sigma_m > self.walls.deviation_m {
-            let why =
-                Why::Inconsistent("points would be expected farther from their wall than walls.deviation_m allows");
+        if self.sigma_m > walls::DEVIATION_M {
+            let why = Why::Inconsistent("points would be expected farther from their wall than they may be");
             return Err(ConfigError { field: "mixture.sigma_m", value: self.sigma_m, why });
         }
         let prior = Prior {
             concentration: self.concentration,
             sigma_m: self.sigma_m,
-            joined_m: lines.joined_m(),
+            joined_m: walls::JOINED_M,
             gap_m: self.walls.gap_m,
             work_max: self.work_max,
         };

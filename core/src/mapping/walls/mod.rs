@@ -5,7 +5,7 @@
 //!
 //! 1. split and merge, for points in the order of a scan, proposes lines; another method of clustering may be used
 //!    instead ([`Extractor::find_among`]: the paper's mixture is in the crate `foxhound-papers`);
-//! 2. every point is assigned to the nearest proposed line that it is within [`Config::deviation_m`] of;
+//! 2. every point is assigned to the nearest proposed line that it is within [`DEVIATION_M`] of;
 //! 3. the points of a line are split where a gap is wider than [`Config::gap_m`], and each piece is fitted again
 //!    ([`fit`]);
 //! 4. a piece that is too short, too thick for its length or has too few points is not a wall: a pillar is one point,
@@ -30,7 +30,6 @@ mod split_merge;
 pub mod wall;
 
 use fit::{Fit, Moments};
-use split_merge::Limits;
 pub use wall::Wall;
 
 /// Largest number of points that are used; the rest of a longer list is ignored.
@@ -42,25 +41,28 @@ const PLACE_MAX_M: f32 = 1e5;
 /// Largest number of lines proposed, and found before they are merged.
 const PROPOSED_MAX: usize = 16;
 
+/// Largest distance of a wall's point from its line.
+pub const DEVIATION_M: f32 = 0.25;
+/// The largest standard deviation across at which two clusters may be merged.
+pub const JOINED_M: f32 = 0.5 * DEVIATION_M;
+/// Smallest number of points of a wall.
+const POINTS_MIN: u8 = 4;
+/// A wall's largest standard deviation across, as a share of the one along.
+const THICKNESS_MAX: f32 = 0.15;
+/// Two lines whose directions differ by less may be the same wall,
+const SAME_ANGLE_RAD: f32 = 0.15;
+/// if the ends of the shorter one are this close to the longer one, and the gap between them is not wider than
+/// [`Config::gap_m`].
+const SAME_OFFSET_M: f32 = 0.2;
+
 /// What counts as a wall.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// Largest distance of a wall's point from its line.
-    pub deviation_m: f32,
     /// Largest distance between a wall's neighbouring points.
     pub gap_m: f32,
     /// Shortest wall.
     pub length_min_m: f32,
-    /// Smallest number of points of a wall.
-    pub points_min: u8,
-    /// A wall's largest standard deviation across, as a share of the one along.
-    pub thickness_max: f32,
-    /// Two lines whose directions differ by less may be the same wall,
-    pub same_angle_rad: f32,
-    /// if the ends of the shorter one are this close to the longer one, and the gap between them is not wider than
-    /// `gap_m`.
-    pub same_offset_m: f32,
 }
 
 impl Default for Config {
@@ -71,28 +73,15 @@ impl Default for Config {
 
 impl Config {
     /// The default, as a constant.
-    pub const DEFAULT: Self = Self {
-        deviation_m: 0.25,
-        gap_m: 1.25,
-        length_min_m: 1.5,
-        points_min: 4,
-        thickness_max: 0.15,
-        same_angle_rad: 0.15,
-        same_offset_m: 0.2,
-    };
+    pub const DEFAULT: Self = Self { gap_m: 1.25, length_min_m: 1.5 };
 
     /// Checks the configuration.
     ///
     /// # Errors
     /// The field that is out of range.
     pub fn build(&self) -> Result<Extractor, ConfigError> {
-        check("walls.deviation_m", self.deviation_m, 0.01, 2.0)?;
         check("walls.gap_m", self.gap_m, 0.05, 10.0)?;
         check("walls.length_min_m", self.length_min_m, 0.1, 50.0)?;
-        check("walls.points_min", f32::from(self.points_min), 3.0, POINTS_MAX as f32)?;
-        check("walls.thickness_max", self.thickness_max, 0.01, 0.5)?;
-        check("walls.same_angle_rad", self.same_angle_rad, 0.0, 0.5)?;
-        check("walls.same_offset_m", self.same_offset_m, 0.0, 2.0)?;
         Ok(Extractor { config: *self })
     }
 }
@@ -131,7 +120,6 @@ impl Workspace {
 /// Lines that may be walls.
 #[derive(Debug)]
 pub struct Proposals<'a> {
-    thickness_max: f32,
     lines: &'a mut Vec<Wall, PROPOSED_MAX>,
 }
 
@@ -140,7 +128,7 @@ impl Proposals<'_> {
     pub fn add(&mut self, moments: &Moments) {
         let Some(spread) = moments.spread() else { return };
         // Up to twice as thick as a wall may be: outliers may still be removed.
-        let thickest = 2.0 * self.thickness_max;
+        let thickest = 2.0 * THICKNESS_MAX;
         if moments.count > 1.5 && spread.across_m2 <= thickest * thickest * spread.along_m2 {
             let _ = self.lines.push(spread.line_through(moments.mean_ned_m));
         }
@@ -159,19 +147,11 @@ impl Extractor {
     /// The walls among points in the order of a scan, the longest first. Points that are not finite, or implausibly far
     /// away, are ignored.
     pub fn find(&self, workspace: &mut Workspace, points_ned_m: &[Horizontal]) -> Vec<Wall, WALLS_MAX> {
-        let config = &self.config;
-        let limits = Limits { deviation_m: config.deviation_m, gap_m: config.gap_m, joined_m: self.joined_m() };
         self.find_among(workspace, points_ned_m, |points, proposals| {
-            for piece in &split_merge::pieces(&limits, points) {
+            for piece in &split_merge::pieces(self.config.gap_m, points) {
                 proposals.add(&piece.moments);
             }
         })
-    }
-
-    /// The largest standard deviation across at which two clusters may be merged.
-    #[must_use]
-    pub fn joined_m(&self) -> f32 {
-        0.5 * self.config.deviation_m
     }
 
     /// The walls among points, the longest first, from clusters found by `cluster`. It is called once with the points
@@ -192,10 +172,7 @@ impl Extractor {
             let _ = workspace.points.push(point.minus(origin));
         }
         workspace.proposed.clear();
-        cluster(
-            &workspace.points,
-            &mut Proposals { thickness_max: self.config.thickness_max, lines: &mut workspace.proposed },
-        );
+        cluster(&workspace.points, &mut Proposals { lines: &mut workspace.proposed });
         self.walls(workspace, origin)
     }
 
@@ -239,7 +216,7 @@ impl Extractor {
         let Workspace { points, owners, proposed, .. } = workspace;
         let mut changed = false;
         for (point, owner) in points.iter().zip(owners.iter_mut()) {
-            let (mut nearest, mut least) = (NONE, self.config.deviation_m);
+            let (mut nearest, mut least) = (NONE, DEVIATION_M);
             for (index, line) in proposed.iter().enumerate() {
                 let away_m = libm::fabsf(line.distance_m(*point));
                 if !(away_m <= least) {
@@ -279,24 +256,18 @@ impl Extractor {
             }
             let piece = order.get(from..to).unwrap_or_default().iter();
             let places = piece.filter_map(|index| points.get(usize::from(*index)).copied());
-            if let Some(fit) = fit::fit(places).filter(|fit| self.is_wall(fit) || (!is_last && self.may_be_wall(fit))) {
+            if let Some(fit) = fit::fit(places).filter(|fit| self.is_wall(fit) || (!is_last && may_be_wall(fit))) {
                 let _ = found.push(fit);
             }
             from = to;
         }
     }
 
-    /// Whether more points might make it a wall.
-    fn may_be_wall(&self, fit: &Fit) -> bool {
-        fit.moments.count >= 3.0 && fit.rms_m <= 2.0 * self.config.thickness_max * fit.along_m
-    }
-
     fn is_wall(&self, fit: &Fit) -> bool {
-        let config = &self.config;
-        fit.moments.count >= f32::from(config.points_min)
-            && length_m(&fit.line) >= config.length_min_m
-            && fit.rms_m <= config.deviation_m
-            && fit.rms_m <= config.thickness_max * fit.along_m
+        fit.moments.count >= f32::from(POINTS_MIN)
+            && length_m(&fit.line) >= self.config.length_min_m
+            && fit.rms_m <= DEVIATION_M
+            && fit.rms_m <= THICKNESS_MAX * fit.along_m
     }
 
     /// Merges lines of the same wall until there are none left.
@@ -319,16 +290,21 @@ impl Extractor {
     fn is_same(&self, a: &Fit, b: &Fit) -> bool {
         let (longer, shorter) = if length_m(&a.line) >= length_m(&b.line) { (a, b) } else { (b, a) };
         // In most cases this decides.
-        if !(libm::fabsf(longer.line.normal_ned.dot(shorter.line.along_ned())) <= self.config.same_angle_rad) {
+        if !(libm::fabsf(longer.line.normal_ned.dot(shorter.line.along_ned())) <= SAME_ANGLE_RAD) {
             return false;
         }
         let ends = shorter.line.ends_ned_m();
         let [from_m, to_m] = ends.map(|end| longer.line.along_ned().dot(end));
         let (from_m, to_m) = if from_m <= to_m { (from_m, to_m) } else { (to_m, from_m) };
-        ends.iter().all(|end| libm::fabsf(longer.line.distance_m(*end)) <= self.config.same_offset_m)
+        ends.iter().all(|end| libm::fabsf(longer.line.distance_m(*end)) <= SAME_OFFSET_M)
             && from_m - longer.line.to_m <= self.config.gap_m
             && longer.line.from_m - to_m <= self.config.gap_m
     }
+}
+
+/// Whether more points might make it a wall.
+fn may_be_wall(fit: &Fit) -> bool {
+    fit.moments.count >= 3.0 && fit.rms_m <= 2.0 * THICKNESS_MAX * fit.along_m
 }
 
 /// Both as one line: the least-squares line of all their points, from the first end to the last.

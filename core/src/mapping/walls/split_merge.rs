@@ -7,8 +7,8 @@
 use crate::base::sort::sort_by_key;
 use heapless::Vec;
 
-use super::POINTS_MAX;
 use super::fit::Moments;
+use super::{DEVIATION_M, JOINED_M, POINTS_MAX};
 use crate::base::ned::Horizontal;
 use crate::base::units::between;
 
@@ -19,17 +19,6 @@ const PIECES_MAX: usize = POINTS_MAX / PIECE_MIN;
 /// Largest number of pieces waiting to be split. The longer part waits, so the length is at least halved each time.
 const WAITING_MAX: usize = 8;
 
-/// The conditions for a piece.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Limits {
-    /// Largest distance of a point from the chord.
-    pub(super) deviation_m: f32,
-    /// Largest distance between two neighbours.
-    pub(super) gap_m: f32,
-    /// Largest standard deviation across two pieces that are merged.
-    pub(super) joined_m: f32,
-}
-
 /// Neighbouring points `from..to` and their moments.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Piece {
@@ -38,34 +27,34 @@ pub(super) struct Piece {
     pub(super) moments: Moments,
 }
 
-/// The straight pieces of ordered points, in their order.
-pub(super) fn pieces(limits: &Limits, points: &[Horizontal]) -> Vec<Piece, PIECES_MAX> {
+/// The straight pieces of ordered points, in their order; two neighbours are no farther apart than `gap_m`.
+pub(super) fn pieces(gap_m: f32, points: &[Horizontal]) -> Vec<Piece, PIECES_MAX> {
     let points = points.get(..POINTS_MAX).unwrap_or(points);
     let mut pieces = Vec::new();
     let mut from = 0;
     for to in 1..=points.len() {
         let goes_on = match points.get(to - 1..=to) {
-            Some([last, next]) => !(next.minus(*last).norm_squared() > limits.gap_m * limits.gap_m),
+            Some([last, next]) => !(next.minus(*last).norm_squared() > gap_m * gap_m),
             _ => false,
         };
         if !goes_on {
-            split(limits, points, from, to, &mut pieces);
+            split(points, from, to, &mut pieces);
             from = to;
         }
     }
     sort_by_key(&mut pieces, |piece| piece.from as f32);
-    merge(limits, points, &mut pieces);
+    merge(gap_m, points, &mut pieces);
     pieces
 }
 
 /// Splits `from..to` until every piece is straight. Pieces that are too short are left out.
-fn split(limits: &Limits, points: &[Horizontal], from: usize, to: usize, pieces: &mut Vec<Piece, PIECES_MAX>) {
+fn split(points: &[Horizontal], from: usize, to: usize, pieces: &mut Vec<Piece, PIECES_MAX>) {
     let mut waiting: Vec<(usize, usize), WAITING_MAX> = Vec::new();
     let mut next = Some((from, to));
     while let Some((from, to)) = next {
         next = waiting.pop();
         let Some(part) = points.get(from..to).filter(|part| part.len() >= PIECE_MIN) else { continue };
-        match corner(part, limits.deviation_m) {
+        match corner(part) {
             // Cannot fail: pieces do not overlap.
             None => _ = pieces.push(Piece { from: from as u8, to: to as u8, moments: moments_of(part) }),
             // The corner belongs to neither piece: a map rounds it off.
@@ -82,12 +71,12 @@ fn split(limits: &Limits, points: &[Horizontal], from: usize, to: usize, pieces:
 }
 
 /// The point that is farthest from the chord between the first and the last, if it is too far.
-fn corner(part: &[Horizontal], deviation_m: f32) -> Option<usize> {
+fn corner(part: &[Horizontal]) -> Option<usize> {
     let (first, last) = (*part.first()?, *part.last()?);
     let chord = last.minus(first);
     let length2 = chord.norm_squared();
     let inverse = if length2 > 0.0 { 1.0 / length2 } else { 0.0 };
-    let (mut farthest, mut most2) = (None, deviation_m * deviation_m);
+    let (mut farthest, mut most2) = (None, DEVIATION_M * DEVIATION_M);
     for (index, point) in part.iter().enumerate() {
         let from_first = point.minus(first);
         let share = between(from_first.dot(chord) * inverse, 0.0, 1.0);
@@ -100,7 +89,7 @@ fn corner(part: &[Horizontal], deviation_m: f32) -> Option<usize> {
 }
 
 /// Merges neighbours that are one thin line together, the points between them included, from the first on.
-fn merge(limits: &Limits, points: &[Horizontal], pieces: &mut Vec<Piece, PIECES_MAX>) {
+fn merge(gap_m: f32, points: &[Horizontal], pieces: &mut Vec<Piece, PIECES_MAX>) {
     let mut kept = 0;
     for index in 1..pieces.len() {
         let Some([last, .., piece]) = pieces.get(kept..=index) else { break };
@@ -111,8 +100,8 @@ fn merge(limits: &Limits, points: &[Horizontal], pieces: &mut Vec<Piece, PIECES_
             .get(usize::from(last.to.max(1)) - 1..usize::from(piece.from) + 1)
             .unwrap_or_default()
             .windows(2)
-            .all(|pair| pair[1].minus(pair[0]).norm_squared() <= limits.gap_m * limits.gap_m);
-        let is_thin = both.spread().is_some_and(|spread| spread.across_m2 <= limits.joined_m * limits.joined_m);
+            .all(|pair| pair[1].minus(pair[0]).norm_squared() <= gap_m * gap_m);
+        let is_thin = both.spread().is_some_and(|spread| spread.across_m2 <= JOINED_M * JOINED_M);
         let merged = if is_near && is_thin {
             Piece { from: last.from, to: piece.to, moments: both }
         } else {

@@ -31,7 +31,6 @@ fn remembered_circles_count_with_the_place_that_faces_the_vehicle_in_the_order_o
 fn a_configuration_that_contradicts_itself_is_refused() {
     let refused = |config: Config| config.build().unwrap_err().field;
     assert_eq!(refused(Config { gap_m: f32::NAN, ..Config::default() }), "walls.gap_m");
-    assert_eq!(refused(Config { points_min: 2, ..Config::default() }), "walls.points_min");
 }
 
 #[test]
