@@ -15,6 +15,9 @@ use crate::planning::planner::{self, Planner};
 use crate::planning::rollout::WAYPOINTS;
 use crate::signal::phase;
 
+/// After a brake plan the next one is requested after this long.
+const RETRY_S: f32 = 0.5;
+
 /// Configuration of the whole chain, module by module.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -27,14 +30,10 @@ pub struct Config {
     pub sensor: RangeSensor,
     /// Period of the steps.
     pub tick_s: f32,
-    /// Steps from a plan's request to the step in which it takes effect.
-    pub handover_ticks: u32,
     /// The next plan is requested when this many waypoints are passed (main paper, section IV: 5).
     pub replan_at_waypoint: u8,
     /// It is requested after this long at the latest.
     pub replan_after_s: f32,
-    /// After a brake plan the next one is requested after this long.
-    pub retry_s: f32,
     /// Phasor extraction.
     pub phase: phase::Config,
     /// Antenna array.
@@ -75,10 +74,8 @@ impl Default for Config {
             vehicle: Vehicle::DEFAULT,
             sensor: RangeSensor::DEFAULT,
             tick_s: 0.02,
-            handover_ticks: 5,
             replan_at_waypoint: 5,
             replan_after_s: 0.7,
-            retry_s: 0.5,
             phase: phase::Config::default(),
             array: array::Config::default(),
             bearing: bearing::Config::default(),
@@ -113,10 +110,8 @@ impl Config {
     /// The first field that is refused.
     pub fn build<const N: usize>(&self) -> Result<Guidance<N>, ConfigError> {
         check("tick_s", self.tick_s, 0.005, 0.1)?;
-        check("handover_ticks", self.handover_ticks as f32, 2.0, 100.0)?;
         check("replan_at_waypoint", f32::from(self.replan_at_waypoint), 1.0, WAYPOINTS as f32)?;
         check("replan_after_s", self.replan_after_s, 0.1, 60.0)?;
-        check("retry_s", self.retry_s, 0.05, 10.0)?;
         if let Some(lidar) = &self.lidar {
             lidar.check()?;
         }
@@ -136,10 +131,9 @@ impl Config {
         Ok(Guidance {
             seed: self.seed,
             tick_s: self.tick_s,
-            handover_ticks: self.handover_ticks,
             replan_at_waypoint: usize::from(self.replan_at_waypoint),
             replan_ticks: libm::ceilf(self.replan_after_s / self.tick_s) as u32,
-            retry_ticks: libm::ceilf(self.retry_s / self.tick_s) as u32,
+            retry_ticks: libm::ceilf(RETRY_S / self.tick_s) as u32,
             plan_margin_m: 0.5 * self.planner.margin_m,
             near_m: if stop_m > NEAR_M { stop_m } else { NEAR_M },
             target_distance_m: self.goal.target_distance_m,

@@ -4,7 +4,7 @@
 //!
 //! It does not call the planner. A step that needs a plan sets [`Output::plan_requested`]; the caller lets
 //! [`crate::planning::planner`] answer [`State::request`], at once or in a slower task, and passes the answer to any
-//! later step. The plan takes effect [`Config::handover_ticks`] steps after the request, neither earlier nor later,
+//! later step. The plan takes effect `HANDOVER_TICKS` steps after the request, neither earlier nor later,
 //! so that the flight does not depend on the planner's speed. A later answer is dropped and counted; the old plan is
 //! followed to its end.
 
@@ -42,6 +42,9 @@ pub use state::State;
 
 /// The fast loop uses this many of the nearest obstacles; the planner gets all.
 pub const OBSTACLES_MAX: usize = 64;
+
+/// Steps from a plan's request to the step in which it takes effect.
+const HANDOVER_TICKS: u32 = 5;
 
 /// The measurement of the antennas.
 #[derive(Clone, Copy, Debug)]
@@ -159,7 +162,6 @@ pub struct Output {
 pub struct Guidance<const N: usize> {
     seed: u64,
     tick_s: f32,
-    handover_ticks: u32,
     replan_at_waypoint: usize,
     replan_ticks: u32,
     retry_ticks: u32,

@@ -1,7 +1,7 @@
 //! When a plan is requested, what the request contains, and when the answer takes effect.
 
 use super::mission::Progress;
-use super::{Guidance, State, near};
+use super::{Guidance, HANDOVER_TICKS, State, near};
 use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
@@ -55,7 +55,7 @@ impl<const N: usize> Guidance<N> {
         let wanted = match progress {
             Progress::RanOut | Progress::Late => true,
             Progress::NoPath => since >= self.retry_ticks,
-            Progress::GuardBraked | Progress::NotFinite => since >= self.handover_ticks,
+            Progress::GuardBraked | Progress::NotFinite => since >= HANDOVER_TICKS,
             Progress::Following => {
                 state.control.track.passed >= self.replan_at_waypoint
                     || since >= self.replan_ticks
@@ -66,7 +66,7 @@ impl<const N: usize> Guidance<N> {
             return false;
         }
         // The rest point follows commands at once, so this is where it will be when the plan takes effect.
-        let ahead_s = self.tick_s * self.handover_ticks as f32;
+        let ahead_s = self.tick_s * HANDOVER_TICKS as f32;
         let start_ned_m = situation.rest_ned_m.plus(state.control.guard.command_ned_mps().times(ahead_s));
         let heard = state.belief.bearing_ned_rad().or(state.plans.is_searching.then_some(situation.yaw_rad));
         let Some(bearing_rad) = heard else { return false };
@@ -96,7 +96,7 @@ impl<const N: usize> Guidance<N> {
         let pose = Pose { position_ned_m: situation.position_ned_m, yaw_rad: situation.yaw_rad };
         request.search = state.plans.is_searching.then_some(Search { now, pose });
         state.belief.support(&mut request.support);
-        state.plans.due = Some(state.tick.wrapping_add(self.handover_ticks));
+        state.plans.due = Some(state.tick.wrapping_add(HANDOVER_TICKS));
         true
     }
 }

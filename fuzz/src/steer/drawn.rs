@@ -160,10 +160,8 @@ pub(super) fn guidance_config(draw: &mut Draw<'_>) -> guidance::Config {
         vehicle: vehicle(draw),
         sensor: sensor(draw),
         tick_s: draw.field(usual.tick_s, 0.005, 0.1),
-        handover_ticks: if draw.flag() { usual.handover_ticks } else { u32::from(draw.below(32)) },
         replan_at_waypoint: if draw.flag() { usual.replan_at_waypoint } else { draw.below(17) },
         replan_after_s: draw.field(usual.replan_after_s, 0.1, 5.0),
-        retry_s: draw.field(usual.retry_s, 0.05, 2.0),
         planner: planner_config(draw),
         guard: guard_config(draw),
         ..usual
