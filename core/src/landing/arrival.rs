@@ -13,10 +13,14 @@ use crate::localize::source::near::Fix;
 
 /// Share of the bearings that agree, for an arrival.
 const AGREEMENT_MIN: f32 = 0.55;
+/// Largest standard deviation of the fix for an arrival.
+const SIGMA_MAX_M: f32 = 0.6;
 /// How much larger sigma may be at a maximum of the strength.
 const MAXIMUM_SLACK: f32 = 1.5;
 /// A vehicle that moves on by this much passes by.
 const PASSES_M: f32 = 2.0;
+/// How long it may be near before a search.
+const AMBIGUOUS_S: f32 = 5.0;
 
 /// Configuration of the arrival.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,15 +28,11 @@ const PASSES_M: f32 = 2.0;
 pub struct Config {
     /// Horizontal distance from the fix that counts as arrived.
     pub arrive_m: f32,
-    /// Largest standard deviation of the fix for an arrival.
-    pub sigma_max_m: f32,
-    /// How long it may be near before a search.
-    pub ambiguous_s: f32,
 }
 
 impl Default for Config {
     fn default() -> Self {
-        Self { arrive_m: 1.2, sigma_max_m: 0.6, ambiguous_s: 5.0 }
+        Self { arrive_m: 1.2 }
     }
 }
 
@@ -43,8 +43,6 @@ impl Config {
     /// The field that is out of range.
     pub fn build(&self, near_m: f32) -> Result<Arrival, ConfigError> {
         check("landing.arrival.arrive_m", self.arrive_m, 0.2, 5.0)?;
-        check("landing.arrival.sigma_max_m", self.sigma_max_m, 0.05, 5.0)?;
-        check("landing.arrival.ambiguous_s", self.ambiguous_s, 0.5, 60.0)?;
         Ok(Arrival { config: *self, near_m })
     }
 }
@@ -84,6 +82,12 @@ impl State {
         self.near_at_ned_m = self.near_at_ned_m.plus(by);
     }
 
+    /// Whether the beacon has been near for long.
+    #[must_use]
+    pub fn is_long_near(&self) -> bool {
+        self.near_s > AMBIGUOUS_S
+    }
+
     /// Restarts the time for which the beacon is near.
     pub fn have_patience(&mut self) {
         self.near_s = 0.0;
@@ -91,12 +95,6 @@ impl State {
 }
 
 impl Arrival {
-    /// Whether the beacon has been near for long.
-    #[must_use]
-    pub fn is_long_near(&self, state: &State) -> bool {
-        state.near_s > self.config.ambiguous_s
-    }
-
     /// What follows from the fix and the bank's estimate, at the vehicle's position.
     pub fn judge(
         &self,
@@ -106,7 +104,6 @@ impl Arrival {
         estimate: Option<&Estimate>,
         tick_s: f32,
     ) -> Verdict {
-        let c = &self.config;
         let Some(fix) = fix.filter(|fix| fix.distance_m < self.near_m) else {
             state.near_s = 0.0;
             return Verdict::Far;
@@ -117,18 +114,18 @@ impl Arrival {
             (state.near_s, state.near_at_ned_m) = (0.0, here);
         }
         state.near_s += tick_s;
-        let sigma_max_m = c.sigma_max_m * if fix.is_loudest { MAXIMUM_SLACK } else { 1.0 };
+        let sigma_max_m = SIGMA_MAX_M * if fix.is_loudest { MAXIMUM_SLACK } else { 1.0 };
         let is_known = fix.is_heard
             && fix.sigma_m < sigma_max_m
             && fix.agreement > AGREEMENT_MIN
             && fix.heard_s > 1.0
             && fix.is_surrounded
-            && !estimate.is_some_and(|estimate| contradicts(estimate, &fix, here, c.arrive_m));
-        if is_known && fix.distance_m < c.arrive_m {
+            && !estimate.is_some_and(|estimate| contradicts(estimate, &fix, here, self.config.arrive_m));
+        if is_known && fix.distance_m < self.config.arrive_m {
             Verdict::Arrived(fix)
         } else if is_known {
             Verdict::Known(fix)
-        } else if self.is_long_near(state) {
+        } else if state.is_long_near() {
             Verdict::Ambiguous(fix)
         } else {
             Verdict::Near(fix)

@@ -66,6 +66,34 @@ const LOW_MPS: f32 = 0.5;
 const LOW_MPS_PER_M: f32 = 0.2;
 /// Gain high up.
 const HIGH_GAIN: f32 = 0.7;
+/// Velocity per metre and second of error, and bound of that part.
+pub(super) const KI_PER_S2: f32 = 0.2;
+const INTEGRAL_MAX_MPS: f32 = 0.2;
+/// Largest horizontal speed.
+pub(super) const SPEED_MAX_MPS: f32 = 0.8;
+/// Largest change of the horizontal demand, and of the vertical one.
+pub(super) const ACCEL_MAX_MPS2: f32 = 2.0;
+pub(super) const DOWN_ACCEL_MAX_MPS2: f32 = 2.0;
+/// Fastest descent, and the slowest, near the ground.
+pub(super) const DESCENT_MAX_MPS: f32 = 0.5;
+pub(super) const DESCENT_MIN_MPS: f32 = 0.25;
+/// Fastest climb.
+pub(super) const CLIMB_MPS: f32 = 0.3;
+/// Radius of the descent cone at the ground.
+const CONE_M: f32 = 0.10;
+/// Below this height the vehicle descends without seeing the pad, once it is inside [`Config::commit_gate_m`].
+pub(super) const COMMIT_M: f32 = 0.4;
+/// Commanded rate of descent in the drop at the end: the vehicle touches down before it reaches it.
+pub(super) const COMMIT_MPS: f32 = 0.5;
+/// How long the last part may wait before the drop, and how long the drop may take.
+pub(super) const COMMIT_S: f32 = 10.0;
+/// Detections no older than this allow the descent.
+pub(super) const FRESH_S: f32 = 0.5;
+/// The pad is lost after this long, and the vehicle climbs.
+pub(super) const LOST_S: f32 = 2.0;
+/// How far it climbs; and the longest climb, after which it searches.
+pub(super) const CLIMB_M: f32 = 1.0;
+pub(super) const CLIMB_S: f32 = 5.0;
 
 /// Configuration of the centring.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,73 +101,19 @@ const HIGH_GAIN: f32 = 0.7;
 pub struct Config {
     /// Velocity per metre of error.
     pub kp_per_s: f32,
-    /// Velocity per metre and second of error.
-    pub ki_per_s2: f32,
     /// Share of the measured velocity that is subtracted.
     pub kd: f32,
-    /// Bound of the integral part.
-    pub integral_max_mps: f32,
-    /// Largest horizontal speed.
-    pub speed_max_mps: f32,
-    /// Largest change of the horizontal demand.
-    pub accel_max_mps2: f32,
-    /// Largest change of the vertical demand.
-    pub down_accel_max_mps2: f32,
-    /// Fastest and slowest descent.
-    pub descent_max_mps: f32,
-    /// Slowest descent, near the ground.
-    pub descent_min_mps: f32,
-    /// Fastest climb.
-    pub climb_mps: f32,
-    /// Radius of the descent cone at the ground.
-    pub gate_m: f32,
-    /// Increase of the cone's radius per metre of height.
+    /// Increase of the descent cone's radius per metre of height.
     pub gate_per_m: f32,
-    /// Below this height the vehicle descends without seeing the pad, once it is inside [`Config::commit_gate_m`].
-    pub commit_m: f32,
     /// Horizontal error at the commit.
     pub commit_gate_m: f32,
     /// Horizontal speed at the commit.
     pub commit_speed_mps: f32,
-    /// Commanded rate of descent in the drop at the end: the vehicle touches down before it reaches it.
-    pub commit_mps: f32,
-    /// How long the last part may wait before the drop, and how long the drop may take.
-    pub commit_s: f32,
-    /// Detections no older than this allow the descent.
-    pub fresh_s: f32,
-    /// The pad is lost after this long, and the vehicle climbs.
-    pub lost_s: f32,
-    /// How far it climbs.
-    pub climb_m: f32,
-    /// Longest climb; then it searches.
-    pub climb_s: f32,
 }
 
 impl Default for Config {
     fn default() -> Self {
-        Self {
-            kp_per_s: 1.6,
-            ki_per_s2: 0.2,
-            kd: 0.95,
-            integral_max_mps: 0.2,
-            speed_max_mps: 0.8,
-            accel_max_mps2: 2.0,
-            down_accel_max_mps2: 2.0,
-            descent_max_mps: 0.5,
-            descent_min_mps: 0.25,
-            climb_mps: 0.3,
-            gate_m: 0.10,
-            gate_per_m: 0.15,
-            commit_m: 0.4,
-            commit_gate_m: 0.08,
-            commit_speed_mps: 0.15,
-            commit_mps: 0.5,
-            commit_s: 10.0,
-            fresh_s: 0.5,
-            lost_s: 2.0,
-            climb_m: 1.0,
-            climb_s: 5.0,
-        }
+        Self { kp_per_s: 1.6, kd: 0.95, gate_per_m: 0.15, commit_gate_m: 0.08, commit_speed_mps: 0.15 }
     }
 }
 
@@ -150,26 +124,10 @@ impl Config {
     /// The field that is out of range.
     pub fn build(&self) -> Result<Pilot, ConfigError> {
         check("landing.centring.kp_per_s", self.kp_per_s, 0.1, 3.0)?;
-        check("landing.centring.ki_per_s2", self.ki_per_s2, 0.0, 1.0)?;
         check("landing.centring.kd", self.kd, 0.0, 2.0)?;
-        check("landing.centring.integral_max_mps", self.integral_max_mps, 0.0, 1.0)?;
-        check("landing.centring.speed_max_mps", self.speed_max_mps, 0.05, 2.0)?;
-        check("landing.centring.accel_max_mps2", self.accel_max_mps2, 0.1, 10.0)?;
-        check("landing.centring.down_accel_max_mps2", self.down_accel_max_mps2, 0.1, 10.0)?;
-        check("landing.centring.descent_max_mps", self.descent_max_mps, 0.1, 2.0)?;
-        check("landing.centring.descent_min_mps", self.descent_min_mps, 0.05, self.descent_max_mps)?;
-        check("landing.centring.climb_mps", self.climb_mps, 0.05, 2.0)?;
-        check("landing.centring.gate_m", self.gate_m, 0.02, 2.0)?;
         check("landing.centring.gate_per_m", self.gate_per_m, 0.0, 1.0)?;
-        check("landing.centring.commit_m", self.commit_m, 0.05, 3.0)?;
         check("landing.centring.commit_gate_m", self.commit_gate_m, 0.01, 2.0)?;
         check("landing.centring.commit_speed_mps", self.commit_speed_mps, 0.01, 2.0)?;
-        check("landing.centring.commit_mps", self.commit_mps, 0.05, self.descent_max_mps)?;
-        check("landing.centring.commit_s", self.commit_s, 1.0, 60.0)?;
-        check("landing.centring.fresh_s", self.fresh_s, 0.1, 5.0)?;
-        check("landing.centring.lost_s", self.lost_s, self.fresh_s, 30.0)?;
-        check("landing.centring.climb_m", self.climb_m, 0.0, 10.0)?;
-        check("landing.centring.climb_s", self.climb_s, 0.1, 60.0)?;
         Ok(Pilot { config: *self })
     }
 }
@@ -398,7 +356,7 @@ impl Pilot {
         let c = &self.config;
         let high = between((height_m - LOW_M) / (HIGH_M - LOW_M), 0.0, 1.0);
         let gain = 1.0 - (1.0 - HIGH_GAIN) * high;
-        let speed_max_mps = if speed_max_mps < c.speed_max_mps { speed_max_mps } else { c.speed_max_mps };
+        let speed_max_mps = if speed_max_mps < SPEED_MAX_MPS { speed_max_mps } else { SPEED_MAX_MPS };
         // The derivative's share at full speed is added here.
         let towards = error_m.times(gain * c.kp_per_s).clamped(speed_max_mps * (1.0 + c.kd));
         let wanted = towards.plus(*integral_mps).minus(velocity_ned_mps.times(c.kd));
@@ -406,7 +364,7 @@ impl Pilot {
         let is_free = wanted.norm_squared() <= speed_max_mps * speed_max_mps;
         let is_slow = velocity_ned_mps.norm_squared() < INTEGRAL_MPS * INTEGRAL_MPS;
         if is_free && is_slow && error_m.norm_squared() < INTEGRAL_M * INTEGRAL_M {
-            *integral_mps = integral_mps.plus(error_m.times(c.ki_per_s2 * tick_s)).clamped(c.integral_max_mps);
+            *integral_mps = integral_mps.plus(error_m.times(KI_PER_S2 * tick_s)).clamped(INTEGRAL_MAX_MPS);
         }
         limited
     }
@@ -414,21 +372,20 @@ impl Pilot {
     /// Radius of the cone at a height.
     #[must_use]
     pub fn gate_m(&self, height_m: f32) -> f32 {
-        self.config.gate_m + self.config.gate_per_m * between(height_m, 0.0, 4.0)
+        CONE_M + self.config.gate_per_m * between(height_m, 0.0, 4.0)
     }
 
     /// Rate of descent at a height and a horizontal error.
     #[must_use]
     pub fn descent_mps(&self, height_m: f32, error_m: f32) -> f32 {
-        let c = &self.config;
-        let by_height = between(0.15 + 0.2 * height_m, c.descent_min_mps, c.descent_max_mps);
+        let by_height = between(0.15 + 0.2 * height_m, DESCENT_MIN_MPS, DESCENT_MAX_MPS);
         // The full rate in the inner half.
         by_height * between(2.0 * (1.0 - error_m / self.gate_m(height_m)), 0.0, 1.0)
     }
+}
 
-    /// Horizontal speed at a height.
-    #[must_use]
-    pub fn speed_mps(&self, height_m: f32) -> f32 {
-        between(LOW_MPS + LOW_MPS_PER_M * height_m, 0.0, self.config.speed_max_mps)
-    }
+/// Horizontal speed at a height.
+#[must_use]
+pub fn speed_mps(height_m: f32) -> f32 {
+    between(LOW_MPS + LOW_MPS_PER_M * height_m, 0.0, SPEED_MAX_MPS)
 }

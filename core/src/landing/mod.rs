@@ -50,8 +50,8 @@
 //! | | the mission holds | it holds; limits of time wait, but `total_s` |
 //! | | `total_s` over | hand over, `TimeLimit` |
 //!
-//! Numbers are defaults of [`Config`]. There is a test for each row. Every demand is finite, inside the configured
-//! speeds, and changes no faster than the configured accelerations.
+//! Numbers are defaults of [`Config`], and constants. There is a test for each row. Every demand is finite, inside the
+//! limits of [`centring`]'s speeds, and changes no faster than its accelerations.
 //!
 //! Cost: the bench's `landing_step`, which has a bearing in every step and a detection in some.
 
@@ -70,7 +70,7 @@ pub mod observation;
 pub mod search;
 mod stages;
 
-use centring::Taken;
+use centring::{ACCEL_MAX_MPS2, CLIMB_MPS, DESCENT_MAX_MPS, DOWN_ACCEL_MAX_MPS2, SPEED_MAX_MPS, Taken};
 use observation::{PadObservation, Seen};
 
 /// Own position and attitude older than this are not used.
@@ -466,7 +466,7 @@ impl Lander {
         let demand = wish.map(|wish| self.limited(state, wish, tick_s));
         if demand.is_none() {
             // A demand begins at the velocity that the planner's flight has now.
-            state.velocity_ned_mps = here.velocity_ned_mps.clamped(self.config.centring.speed_max_mps);
+            state.velocity_ned_mps = here.velocity_ned_mps.clamped(SPEED_MAX_MPS);
             state.down_mps = 0.0;
         }
         self.output(state, input, demand)
@@ -531,13 +531,12 @@ impl Lander {
 
     /// Limits a demand in speed and in change.
     fn limited(&self, state: &mut State, wish: Wish, tick_s: f32) -> (Horizontal, f32) {
-        let c = &self.config.centring;
         let wanted = if wish.velocity_ned_mps.is_finite() { wish.velocity_ned_mps } else { Horizontal::default() };
         let wanted_down = if wish.down_mps.is_finite() { wish.down_mps } else { 0.0 };
-        let wanted = wanted.clamped(c.speed_max_mps);
-        let wanted_down = between(wanted_down, -c.climb_mps, c.descent_max_mps);
-        let change = wanted.minus(state.velocity_ned_mps).clamped(c.accel_max_mps2 * tick_s);
-        let most = c.down_accel_max_mps2 * tick_s;
+        let wanted = wanted.clamped(SPEED_MAX_MPS);
+        let wanted_down = between(wanted_down, -CLIMB_MPS, DESCENT_MAX_MPS);
+        let change = wanted.minus(state.velocity_ned_mps).clamped(ACCEL_MAX_MPS2 * tick_s);
+        let most = DOWN_ACCEL_MAX_MPS2 * tick_s;
         state.velocity_ned_mps = state.velocity_ned_mps.plus(change);
         state.down_mps += between(wanted_down - state.down_mps, -most, most);
         (state.velocity_ned_mps, state.down_mps)

@@ -21,6 +21,10 @@ const OVERLAP: f32 = 0.6;
 /// A leg is left out if the vehicle comes no nearer to its corner by this much in this time.
 const NEARER_M: f32 = 0.2;
 const NEARER_S: f32 = 4.0;
+/// Speed of the search.
+pub(super) const SPEED_MPS: f32 = 0.5;
+/// A leg is left out when it has been blocked for this long.
+const BLOCKED_S: f32 = 1.0;
 
 /// Configuration of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,15 +34,11 @@ pub struct Config {
     pub radius_m: f32,
     /// Time limit.
     pub time_s: f32,
-    /// Speed.
-    pub speed_mps: f32,
-    /// A leg is left out when it has been blocked for this long.
-    pub blocked_s: f32,
 }
 
 impl Default for Config {
     fn default() -> Self {
-        Self { radius_m: 3.0, time_s: 90.0, speed_mps: 0.5, blocked_s: 1.0 }
+        Self { radius_m: 3.0, time_s: 90.0 }
     }
 }
 
@@ -50,8 +50,6 @@ impl Config {
     pub fn build(&self) -> Result<Search, ConfigError> {
         check("landing.search.radius_m", self.radius_m, 0.5, 20.0)?;
         check("landing.search.time_s", self.time_s, 1.0, 600.0)?;
-        check("landing.search.speed_mps", self.speed_mps, 0.1, 2.0)?;
-        check("landing.search.blocked_s", self.blocked_s, 0.1, 10.0)?;
         Ok(Search { config: *self })
     }
 }
@@ -124,12 +122,6 @@ impl State {
 }
 
 impl Search {
-    /// The speed of the search.
-    #[must_use]
-    pub fn speed_mps(&self) -> f32 {
-        self.config.speed_mps
-    }
-
     /// The pitch for a camera at a height: `focal_widths` is its focal length over the width of its image.
     #[must_use]
     pub fn camera_pitch_m(height_m: f32, focal_widths: f32) -> f32 {
@@ -157,7 +149,7 @@ impl Search {
         }
         let is_late = now.seconds_since(state.neared) > NEARER_S;
         let is_passed = away_m < PASSED_M;
-        let is_skipped = !is_passed && (is_late || state.blocked_s > c.blocked_s);
+        let is_skipped = !is_passed && (is_late || state.blocked_s > BLOCKED_S);
         if let Some(end) = state.end {
             return if is_passed || is_skipped { Progress::Over(end) } else { Progress::Towards(state.corner_ned_m) };
         }

@@ -1,6 +1,10 @@
 //! The actions of each stage, and its end: the table in the module's documentation.
 
 use super::arrival::Verdict;
+use super::centring::{
+    CLIMB_M, CLIMB_MPS, CLIMB_S, COMMIT_M, COMMIT_MPS, COMMIT_S, DESCENT_MIN_MPS, FRESH_S, LOST_S, SPEED_MAX_MPS,
+    speed_mps,
+};
 use super::search::{self, End, Search};
 use super::{Here, Input, Lander, Reason, Stage, State, Wish};
 use crate::base::ned::Horizontal;
@@ -79,11 +83,11 @@ impl Lander {
             state.enter(stage, None, now);
             if state.began.is_none() {
                 state.began = Some(now);
-                state.top_down_m = here.down_m - self.config.centring.climb_m;
+                state.top_down_m = here.down_m - CLIMB_M;
             }
         };
         match verdict {
-            Verdict::Known(_) if !self.arrival.is_long_near(&state.arrival) => {}
+            Verdict::Known(_) if !state.arrival.is_long_near() => {}
             Verdict::Arrived(fix) | Verdict::Known(fix) => {
                 state.goal_ned_m = fix.place_ned_m.horizontal();
                 state.integral_mps = Horizontal::default();
@@ -159,7 +163,7 @@ impl Lander {
         if state.stage != Stage::Approaching {
             return Wish::default();
         }
-        self.hover(state, state.goal_ned_m, here, HEIGHT_ASSUMED_M, self.config.centring.speed_max_mps)
+        self.hover(state, state.goal_ned_m, here, HEIGHT_ASSUMED_M, SPEED_MAX_MPS)
     }
 
     /// The vehicle is above the beacon.
@@ -230,7 +234,7 @@ impl Lander {
         let progress = self.search.step(&mut state.search, here.place_ned_m, input.is_blocked, here.now, here.tick_s);
         let reason = match progress {
             search::Progress::Towards(corner) => {
-                return self.hover(state, corner, here, HEIGHT_ASSUMED_M, self.search.speed_mps());
+                return self.hover(state, corner, here, HEIGHT_ASSUMED_M, search::SPEED_MPS);
             }
             search::Progress::Over(End::Searched) => reason,
             search::Progress::Over(End::TimeUp) => Reason::TimeLimit,
@@ -255,7 +259,7 @@ impl Lander {
         let unseen_s = state.track.unseen_s(now);
         let pad = state.track.place_ned_m().horizontal();
         let error_m = pad.minus(here.place_ned_m).norm();
-        if input.is_landed && height_m < c.commit_m + LOW_M {
+        if input.is_landed && height_m < COMMIT_M + LOW_M {
             state.enter(Stage::Landed, Some(Reason::Landed), now);
             return Wish::default();
         }
@@ -264,12 +268,12 @@ impl Lander {
             return Wish::default();
         }
         // It returns from the last part without sight: it has this long to see the pad again.
-        let is_lost = unseen_s > c.lost_s && now.seconds_since(state.entered) > c.lost_s;
+        let is_lost = unseen_s > LOST_S && now.seconds_since(state.entered) > LOST_S;
         if is_lost || now.seconds_since(state.attempted) > self.config.attempt_s {
             let reason = if is_lost { Reason::PadLost } else { Reason::TimeLimit };
             return self.lose(state, here, reason);
         }
-        let is_fresh = unseen_s < c.fresh_s;
+        let is_fresh = unseen_s < FRESH_S;
         let gate_m = self.pilot.gate_m(height_m);
         if state.stage == Stage::Centring && is_fresh && error_m < INSIDE * gate_m {
             state.enter(Stage::Descending, None, now);
@@ -278,10 +282,10 @@ impl Lander {
         }
         let is_slow = here.velocity_ned_mps.norm_squared() < c.commit_speed_mps * c.commit_speed_mps;
         let is_inside = error_m < c.commit_gate_m && pad.minus(here.after(AHEAD_S)).norm() < c.commit_gate_m;
-        if height_m < c.commit_m + WAIT_ABOVE_M && is_inside && is_slow && is_fresh {
+        if height_m < COMMIT_M + WAIT_ABOVE_M && is_inside && is_slow && is_fresh {
             state.enter(Stage::Committed, None, now);
         }
-        let wait_m = c.commit_m + 0.5 * WAIT_ABOVE_M;
+        let wait_m = COMMIT_M + 0.5 * WAIT_ABOVE_M;
         // If pushed away it climbs, so that the pad stays in the picture.
         let half_tangent = SHORT_SIDE_HALF / self.config.focal_widths;
         let in_sight_m = between((error_m - 0.5 * self.config.pad_radius_m) / half_tangent, 0.0, IN_SIGHT_MAX_M);
@@ -295,7 +299,7 @@ impl Lander {
         } else {
             0.0
         };
-        Wish { down_mps, ..self.hover(state, pad, here, height_m, self.pilot.speed_mps(height_m)) }
+        Wish { down_mps, ..self.hover(state, pad, here, height_m, speed_mps(height_m)) }
     }
 
     fn lose(&self, state: &mut State, here: &Here, reason: Reason) -> Wish {
@@ -318,23 +322,22 @@ impl Lander {
     }
 
     fn recover(&self, state: &mut State, here: &Here) -> Wish {
-        let c = &self.config.centring;
         let pad = state.track.place_ned_m().horizontal();
         let risen_m = state.lost_down_m - here.down_m;
-        let is_up = risen_m >= c.climb_m || here.down_m <= state.top_down_m;
+        let is_up = risen_m >= CLIMB_M || here.down_m <= state.top_down_m;
         let since_s = here.now.seconds_since(state.entered);
         // Seen again from a little higher: the cause of the loss must not recur at once.
-        if self.is_found(state, here.now) && (is_up || risen_m > 0.3 * c.climb_m) {
+        if self.is_found(state, here.now) && (is_up || risen_m > 0.3 * CLIMB_M) {
             state.enter(Stage::Centring, None, here.now);
-        } else if (is_up || since_s > c.climb_s) && self.may_retry(state, Reason::PadLost, here.now) {
+        } else if (is_up || since_s > CLIMB_S) && self.may_retry(state, Reason::PadLost, here.now) {
             self.begin_pad_search(state, pad, here);
         }
         if state.stage != Stage::Recovering {
             return Wish::default();
         }
         let height_m = state.track.height_m(here.down_m);
-        let down_mps = if is_up { 0.0 } else { -c.climb_mps };
-        Wish { down_mps, ..self.hover(state, pad, here, height_m, self.pilot.speed_mps(height_m)) }
+        let down_mps = if is_up { 0.0 } else { -CLIMB_MPS };
+        Wish { down_mps, ..self.hover(state, pad, here, height_m, speed_mps(height_m)) }
     }
 
     fn commit(&self, state: &mut State, input: &Input<'_>, here: &Here) -> Wish {
@@ -342,14 +345,14 @@ impl Lander {
         let height_m = state.track.height_m(here.down_m);
         let pad = state.track.place_ned_m().horizontal();
         let error_m = pad.minus(here.place_ned_m).norm();
-        let is_told = state.down_mps > 0.5 * c.commit_mps;
+        let is_told = state.down_mps > 0.5 * COMMIT_MPS;
         let stands = is_told && !input.is_blocked && libm::fabsf(here.down_mps) < STANDS_MPS;
         state.stands_s = if stands { state.stands_s + here.tick_s } else { 0.0 };
         if input.is_landed || (state.stands_s > STANDS_S && height_m < LOW_M) {
             state.enter(Stage::Landed, Some(Reason::Landed), now);
             return Wish::default();
         }
-        let is_late = now.seconds_since(state.entered) > c.commit_s;
+        let is_late = now.seconds_since(state.entered) > COMMIT_S;
         if state.is_dropping && is_late {
             return self.lose(state, here, Reason::TimeLimit);
         } else if !state.is_dropping && (is_late || error_m > PUSHED_GATES * c.commit_gate_m) {
@@ -364,8 +367,8 @@ impl Lander {
         if is_moment && state.stage == Stage::Committed && !state.is_dropping {
             (state.is_dropping, state.entered) = (true, now);
         }
-        let wait_mps = between(HEIGHT_RATE_PER_S * (height_m - drop_m), -c.climb_mps, c.descent_min_mps);
-        let down_mps = if state.is_dropping { c.commit_mps } else { wait_mps };
-        Wish { down_mps, ..self.hover(state, pad, here, height_m, self.pilot.speed_mps(height_m)) }
+        let wait_mps = between(HEIGHT_RATE_PER_S * (height_m - drop_m), -CLIMB_MPS, DESCENT_MIN_MPS);
+        let down_mps = if state.is_dropping { COMMIT_MPS } else { wait_mps };
+        Wish { down_mps, ..self.hover(state, pad, here, height_m, speed_mps(height_m)) }
     }
 }

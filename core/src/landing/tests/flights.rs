@@ -162,7 +162,7 @@ fn a_jump_of_the_autopilots_position_leads_nowhere_else() {
 fn the_position_loop_amplifies_no_disturbance_by_more_than_2_1() {
     // Of the loop with the autopilot's response and all delays, at all frequencies: 1 / |1 + L|.
     let c = centring::Config::default();
-    let [kp, ki, kd] = [c.kp_per_s, c.ki_per_s2, c.kd].map(f64::from);
+    let [kp, ki, kd] = [c.kp_per_s, centring::KI_PER_S2, c.kd].map(f64::from);
     let amplifies = |late_s: f64, answer: &dyn Fn([f64; 2]) -> [f64; 2]| {
         let times = |[a, b]: [f64; 2], [c, d]: [f64; 2]| [a * c - b * d, a * d + b * c];
         let over = |[a, b]: [f64; 2], [c, d]: [f64; 2]| {

@@ -92,7 +92,6 @@ fn no_facts_lead_to_a_demand_outside_of_the_limits() {
         let wildness = [0.0, 0.003, 0.03, 0.3][(seed % 4) as usize];
         let config = Config { has_camera: seed % 3 > 0, ..Config::default() };
         let lander = Landing::new(config);
-        let c = config.centring;
         let mut state = Memory::default();
         let mut last: Option<(Horizontal, f32)> = None;
         let mut now = 10_000_000;
@@ -130,16 +129,16 @@ fn no_facts_lead_to_a_demand_outside_of_the_limits() {
                 last = None;
                 continue;
             };
-            assert!(velocity.norm() <= c.speed_max_mps * 1.001, "seed {seed}: {output:?}");
-            assert!(down_mps >= -c.climb_mps && down_mps <= c.descent_max_mps, "seed {seed}: {output:?}");
+            assert!(velocity.norm() <= centring::SPEED_MAX_MPS * 1.001, "seed {seed}: {output:?}");
+            assert!((-centring::CLIMB_MPS..=centring::DESCENT_MAX_MPS).contains(&down_mps), "seed {seed}: {output:?}");
             let tick_s = if input.tick_s > 1e-3 && input.tick_s < 0.2 { input.tick_s } else { 0.02 };
             if let Some((velocity_before, down_before_mps)) = last {
                 assert!(
-                    velocity.minus(velocity_before).norm() <= c.accel_max_mps2 * tick_s * 1.01,
+                    velocity.minus(velocity_before).norm() <= centring::ACCEL_MAX_MPS2 * tick_s * 1.01,
                     "seed {seed}: {output:?}"
                 );
                 assert!(
-                    (down_mps - down_before_mps).abs() <= c.down_accel_max_mps2 * tick_s * 1.01,
+                    (down_mps - down_before_mps).abs() <= centring::DOWN_ACCEL_MAX_MPS2 * tick_s * 1.01,
                     "seed {seed}: {output:?}"
                 );
             }

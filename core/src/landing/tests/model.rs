@@ -391,13 +391,12 @@ impl Flight {
         };
         let before = advice_before(state);
         let output = lander.step(state, &input);
-        let c = &lander.lander.config.centring;
         if let Some((velocity, down_mps)) = output.demand {
-            assert!(velocity.norm() <= c.speed_max_mps * 1.001 && velocity.is_finite(), "{output:?}");
-            assert!(down_mps >= -c.climb_mps && down_mps <= c.descent_max_mps, "{output:?}");
+            assert!(velocity.norm() <= centring::SPEED_MAX_MPS * 1.001 && velocity.is_finite(), "{output:?}");
+            assert!((-centring::CLIMB_MPS..=centring::DESCENT_MAX_MPS).contains(&down_mps), "{output:?}");
             let (change, down_change) = (velocity.minus(before.0).norm(), libm::fabsf(down_mps - before.1));
-            assert!(change <= c.accel_max_mps2 * TICK_S * 1.01, "{output:?}");
-            assert!(down_change <= c.down_accel_max_mps2 * TICK_S * 1.01, "{output:?}");
+            assert!(change <= centring::ACCEL_MAX_MPS2 * TICK_S * 1.01, "{output:?}");
+            assert!(down_change <= centring::DOWN_ACCEL_MAX_MPS2 * TICK_S * 1.01, "{output:?}");
         }
         let (velocity, down) = output.demand.unwrap_or_else(|| (planner(self), 0.0));
         let is_held = inside(world.held_s, time_s);

@@ -200,7 +200,7 @@ fn what_was_heard_and_is_not_there_any_more_is_left_to_the_planner_so_many_times
 
 #[test]
 fn blocked_on_the_last_metres_it_says_so() {
-    let early = arrival::Config { arrive_m: 2.5, sigma_max_m: 1.5, ..arrival::Config::default() };
+    let early = arrival::Config { arrive_m: 2.5 };
     let config = Config { arrival: early, ..Config::default() };
     let from_s = begins(config, quiet(), Stage::Approaching) - 0.5;
     ends(config, World { blocked_s: (from_s, FOR_EVER), ..quiet() }, Reason::Blocked, Stage::Approaching);
@@ -297,7 +297,7 @@ fn it_climbs_for_a_lost_pad_so_far_and_no_farther() {
         flight.step(&lander, &mut state, towards_beacon);
         highest_m = highest_m.max(-flight.place_ned_m[2]);
     }
-    assert!(highest_m < 2.0 + config.centring.climb_m + 0.1, "{highest_m}");
+    assert!(highest_m < 2.0 + centring::CLIMB_M + 0.1, "{highest_m}");
 }
 
 #[test]
