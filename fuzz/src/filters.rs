@@ -492,9 +492,7 @@ fn search(draw: &mut Draw<'_>) -> Reached {
         limit_s: draw.field(usual.limit_s, 1.0, 600.0),
         radius_m: draw.field(usual.radius_m, 1.0, 60.0),
         cell_m: draw.field(usual.cell_m, 0.2, 20.0),
-        shade_m: draw.field(usual.shade_m, 0.0, 2.0),
         seed: draw.word(),
-        ..usual
     };
     let Ok(explorer) = config.build(draw.field(0.2, 0.0, 2.0), &Fence::DEFAULT) else { return reached };
     reached.configured = true;

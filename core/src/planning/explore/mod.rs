@@ -10,12 +10,12 @@
 //! 3. flood-fills the seen cells from the vehicle's cell, one ring of neighbours after the other, through the sides
 //!    where the vehicle fits between the circles: the number of the ring that reaches a candidate is its distance;
 //! 4. selects the candidate with the smallest sum of path, turning and seeded jitter. The target is kept while it is a
-//!    candidate and no other is better by [`Config::stick_m`]. Candidates that the fill does not reach come last, but
-//!    are not given up: a door can be narrower than the grid resolves.
+//!    candidate and no other is better by 2 m. Candidates that the fill does not reach come last, but are not given up:
+//!    a door can be narrower than the grid resolves.
 //!
-//! A target that the caller reports as [`State::blocked`], or that comes no nearer for [`Config::patience_s`], is not
-//! tried again. So every search ends: when no candidates are left ([`Explored::Exhausted`]), by time
-//! ([`Explored::TimedOut`]), or by [`State::end`] when the signal returns.
+//! A target that the caller reports as [`State::blocked`], or that comes no nearer for 20 s, is not tried again. So every
+//! search ends: when no candidates are left ([`Explored::Exhausted`]), by time ([`Explored::TimedOut`]), or by
+//! [`State::end`] when the signal returns.
 //!
 //! The state takes 312 bytes, a step 0.8 KB of stack. The cost of a step depends on the number of cells seen for the
 //! first time and of cell sides around each circle.
@@ -36,6 +36,14 @@ use grid::{Cell, Grid, MIDDLE, Passages, Rows, SIDE, cells_of, has, ring, set};
 
 /// So many plans in a row to the source, some three seconds of signal, end a search.
 const HOMED_MIN: u8 = 5;
+/// Circles hide cells behind them as if their radius were larger by this: a wall is remembered with gaps in it.
+const SHADE_M: f32 = 0.2;
+/// Length of path that costs as much as turning by one radian.
+const TURN_M_PER_RAD: f32 = 0.5;
+/// Another target must be better by this to replace the present one.
+const STICK_M: f32 = 2.0;
+/// A target that comes no nearer for this long is blocked.
+const PATIENCE_S: f32 = 20.0;
 
 /// How to search.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,30 +55,13 @@ pub struct Config {
     pub radius_m: f32,
     /// Width of a cell.
     pub cell_m: f32,
-    /// Circles hide cells behind them as if their radius were larger by this: a wall is remembered with gaps in it.
-    pub shade_m: f32,
-    /// Length of path that costs as much as turning by one radian.
-    pub turn_m_per_rad: f32,
-    /// Another target must be better by this to replace the present one.
-    pub stick_m: f32,
-    /// A target that comes no nearer for this long is blocked.
-    pub patience_s: f32,
     /// Seed of the jitter that decides between nearly equal targets.
     pub seed: u32,
 }
 
 impl Default for Config {
     fn default() -> Self {
-        Self {
-            limit_s: 180.0,
-            radius_m: 15.0,
-            cell_m: 1.0,
-            shade_m: 0.2,
-            turn_m_per_rad: 0.5,
-            stick_m: 2.0,
-            patience_s: 20.0,
-            seed: 1,
-        }
+        Self { limit_s: 180.0, radius_m: 15.0, cell_m: 1.0, seed: 1 }
     }
 }
 
@@ -85,10 +76,6 @@ impl Config {
         check("explore.cell_m", self.cell_m, 0.2, 20.0)?;
         check("explore.radius_m", self.radius_m, self.cell_m, 300.0)?;
         check("vehicle.radius_m + planner.margin_m", clearance_m, 0.0, 2.0)?;
-        check("explore.shade_m", self.shade_m, 0.0, 2.0)?;
-        check("explore.turn_m_per_rad", self.turn_m_per_rad, 0.0, 100.0)?;
-        check("explore.stick_m", self.stick_m, 0.0, 100.0)?;
-        check("explore.patience_s", self.patience_s, 0.5, 600.0)?;
         if self.radius_m > (MIDDLE - 1) as f32 * self.cell_m {
             let why = Why::Inconsistent("must not be greater than 15 explore.cell_m, the reach of the grid");
             return Err(ConfigError { field: "explore.radius_m", value: self.radius_m, why });
@@ -238,8 +225,8 @@ impl Explorer {
             return state.target.map_or(Explored::NoPose, |target| Explored::Target(grid.place_of(target.cell)));
         }
         let discs = discs.filter(|disc| disc.is_plausible());
-        self.look(state, &grid, pose, sensor, discs.clone());
-        self.lose_patience(state, &grid, now, here);
+        Self::look(state, &grid, pose, sensor, discs.clone());
+        Self::lose_patience(state, &grid, now, here);
         // Moving obstacles will have moved on.
         let standing = discs.filter(|disc| !disc.moves);
         let passages = self.passages(&grid, standing);
@@ -258,7 +245,6 @@ impl Explorer {
 
     /// Marks the cells that the sensor sees, and the vehicle's own.
     fn look<'a>(
-        &self,
         state: &mut State,
         grid: &Grid,
         pose: &Pose,
@@ -283,7 +269,7 @@ impl Explorer {
                 let towards = disc.center_ned_m.minus(here);
                 let along = towards.dot(away);
                 let across = towards.north * away.east - towards.east * away.north;
-                let reach = (disc.radius_m + self.config.shade_m) * away_m;
+                let reach = (disc.radius_m + SHADE_M) * away_m;
                 along > 0.0 && along < free_m * away_m && across * across < reach * reach
             };
             if is_in_view && !discs.clone().any(hides) {
@@ -296,12 +282,12 @@ impl Explorer {
     }
 
     /// Gives up a target when the vehicle does not come nearer to it.
-    fn lose_patience(&self, state: &mut State, grid: &Grid, now: Instant, here: Horizontal) {
+    fn lose_patience(state: &mut State, grid: &Grid, now: Instant, here: Horizontal) {
         let Some(target) = &mut state.target else { return };
         let away_m = grid.place_of(target.cell).minus(here).norm();
         if away_m < target.nearest_m - 0.25 * grid.cell_m {
             (target.nearest_m, target.since) = (away_m, now);
-        } else if now.seconds_since(target.since) > self.config.patience_s {
+        } else if now.seconds_since(target.since) > PATIENCE_S {
             state.blocked();
         }
     }
@@ -368,7 +354,7 @@ impl Explorer {
         let price = |cell: Cell, way_m: f32| {
             let turn_rad = libm::fabsf(wrap_pi(grid.place_of(cell).minus(here).bearing_rad() - pose.yaw_rad));
             let jitter_m = 0.5 * grid.cell_m * jitter(self.config.seed.wrapping_add(state.searches), cell);
-            way_m + self.config.turn_m_per_rad * turn_rad + jitter_m
+            way_m + TURN_M_PER_RAD * turn_rad + jitter_m
         };
         let mut open = [0; SIDE];
         for (index, open) in open.iter_mut().enumerate() {
@@ -385,8 +371,8 @@ impl Explorer {
         while front.iter().any(|row| *row != 0) {
             way_m += grid.cell_m;
             // Every candidate farther away costs more.
-            if best.cell.is_some() && way_m > best.cost_m + self.config.stick_m {
-                return best.choice(self.config.stick_m).map(|cell| (cell, true));
+            if best.cell.is_some() && way_m > best.cost_m + STICK_M {
+                return best.choice().map(|cell| (cell, true));
             }
             front = ring(&front, &open, passages);
             for (index, front) in front.iter_mut().enumerate() {
@@ -403,7 +389,7 @@ impl Explorer {
         {
             return Some((kept, false));
         }
-        if let Some(cell) = best.choice(self.config.stick_m) {
+        if let Some(cell) = best.choice() {
             return Some((cell, true));
         }
         for (index, row) in candidates.iter().enumerate() {
@@ -411,7 +397,7 @@ impl Explorer {
                 best.offer(cell, price(cell, grid.place_of(cell).minus(here).norm()));
             }
         }
-        best.choice(self.config.stick_m).map(|cell| (cell, false))
+        best.choice().map(|cell| (cell, false))
     }
 }
 
@@ -433,9 +419,9 @@ impl Best {
         }
     }
 
-    fn choice(&self, stick_m: f32) -> Option<Cell> {
+    fn choice(&self) -> Option<Cell> {
         match self.kept_cost_m {
-            Some(cost_m) if cost_m <= self.cost_m + stick_m => self.kept,
+            Some(cost_m) if cost_m <= self.cost_m + STICK_M => self.kept,
             _ => self.cell,
         }
     }
