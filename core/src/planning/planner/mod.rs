@@ -29,7 +29,6 @@ use crate::mapping::walls::{self, WALLS_MAX, Wall};
 use crate::planning::explore::{self, Explored};
 use crate::planning::field::Gains;
 use crate::planning::rollout::{Scene, Trajectory, WAYPOINTS};
-use crate::planning::wavefront::{self, Wavefront};
 
 pub mod baseline;
 mod bend;
@@ -88,8 +87,6 @@ pub struct Config {
     pub tight_margin_m: f32,
     /// Farthest temporary target (main paper, section IV: 2 m).
     pub horizon_m: f32,
-    /// Configuration of the path search.
-    pub wavefront: wavefront::Config,
     /// Number of segments, from the start, that must keep the margin: those that may be flown before the next replan,
     /// and some more.
     pub checked_segments: u8,
@@ -130,7 +127,6 @@ impl Config {
             margin_m: 0.05,
             tight_margin_m: 0.02,
             horizon_m: 2.0,
-            wavefront: wavefront::Config::DEFAULT,
             checked_segments: 6,
         }
     }
@@ -174,7 +170,6 @@ impl Config {
             vehicle: *vehicle,
             sensor: *sensor,
             fence: *fence,
-            wavefront: self.wavefront.build()?,
             walls: self.walls.build()?,
             explorer: self.explore.map(|explore| explore.build(clearance_m, fence)).transpose()?,
         })
@@ -374,7 +369,6 @@ pub struct Planner {
     vehicle: Vehicle,
     sensor: RangeSensor,
     fence: Fence,
-    wavefront: Wavefront,
     walls: walls::Extractor,
     explorer: Option<explore::Explorer>,
 }

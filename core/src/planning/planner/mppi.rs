@@ -38,7 +38,7 @@ use crate::localize::source::support::SourcePosition;
 use crate::mapping::map::CIRCLES_MAX;
 use crate::planning::field::{Field, Gains};
 use crate::planning::rollout::{Cost, SPACING_M, Trajectory, WAYPOINTS, cost, swept_clearance_m};
-use crate::planning::wavefront::{ROUTE_MAX, Window};
+use crate::planning::wavefront::{ROUTE_MAX, Window, march};
 
 /// Within this the source counts as reached.
 const ARRIVAL_M: f32 = 0.3;
@@ -165,7 +165,7 @@ pub(super) fn plan(
     (request, discs): (&PlanRequest, &[Disc]),
     known: Option<Horizontal>,
 ) -> Plan {
-    let Planner { config, vehicle, fence, wavefront, .. } = planner;
+    let Planner { config, vehicle, fence, .. } = planner;
     let start = request.start_ned_m;
     let mut rng = Rng::new(request.seed, u64::from(request.id));
     let source = locate(request, known);
@@ -214,7 +214,7 @@ pub(super) fn plan(
             ..Plan::brake(config, request)
         };
     }
-    wavefront.march(window, start, toward, if far { FAR_SCALE } else { 1.0 }, &workspace.obstacles, fence);
+    march(window, start, toward, if far { FAR_SCALE } else { 1.0 }, &workspace.obstacles, fence);
     let support = if known.is_some() { &[] } else { request.support.places() };
     let aim = aim(window, support, &workspace.obstacles, (progress, &*path), toward);
     // From here on only the obstacles that matter within the horizon, with their sigma.
@@ -530,11 +530,9 @@ fn keeps(margin_m: f32, start: Horizontal, trajectory: &[Horizontal], obstacles:
 mod tests {
     use super::*;
     use crate::base::config::Fence;
-    use crate::planning::wavefront;
 
     #[test]
     fn a_way_seen_from_far_is_followed_past_a_corner_that_it_cuts_and_not_through_a_wall() {
-        let wavefront = wavefront::Config::DEFAULT.build().unwrap();
         let path: Vec<Horizontal, ROUTE_MAX> =
             (1..10).map(|k| Horizontal { north: 0.3 * k as f32, east: 0.0 }).collect();
         let mut window = Window::new();
@@ -544,7 +542,7 @@ mod tests {
                 reach_m: 0.4,
             };
             let obstacles: Vec<Obstacle, 64> = centers.iter().map(obstacle).collect();
-            wavefront.march(&mut window, Horizontal::default(), path[8], 1.0, &obstacles, &Fence::DEFAULT);
+            march(&mut window, Horizontal::default(), path[8], 1.0, &obstacles, &Fence::DEFAULT);
             along(&window, &path).map(|(place, _)| place)
         };
         // A pillar beside the path, whose reach covers the path by ten centimetres and more.

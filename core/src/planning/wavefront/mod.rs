@@ -13,7 +13,6 @@
 use heapless::Vec;
 
 use crate::base::config::Fence;
-use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Obstacle;
@@ -43,6 +42,13 @@ const WORDS: usize = CELLS.div_ceil(32);
 const DIAGONAL: f32 = core::f32::consts::FRAC_1_SQRT_2;
 /// Largest shift of the window ahead of the vehicle, towards its aim.
 const AHEAD_M: f32 = 1.2;
+/// Width of a cell.
+const CELL_M: f32 = 0.1;
+/// Half of the narrowest gap between two obstacles that counts as passable.
+const PASSABLE_M: f32 = 0.036;
+/// Clearance above which a cell is not slowed; it is twice as slow below that, and four times below the second.
+const CLEAR_M: f32 = 0.03;
+const NARROW_M: f32 = 0.0;
 
 /// `UNIT` times `(d + sqrt(2 - d^2)) / 2` for `d = index / UNIT`: the delay of a cell after its earlier neighbour, when
 /// the other neighbour is reached `d` later than the earlier one.
@@ -62,49 +68,6 @@ const fn steps() -> [u8; UNIT as usize + 1] {
         d += 1;
     }
     table
-}
-
-/// Configuration of the wavefront.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Config {
-    /// Width of a cell.
-    pub cell_m: f32,
-    /// Half of the narrowest gap between two obstacles that counts as passable.
-    pub passable_m: f32,
-    /// Clearance above which a cell is not slowed.
-    pub clear_m: f32,
-    /// Clearance below which a cell is four times as slow; from there to `clear_m` it is twice as slow.
-    pub narrow_m: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self::DEFAULT
-    }
-}
-
-impl Config {
-    /// The defaults, where a constant is needed.
-    pub const DEFAULT: Self = Self { cell_m: 0.1, passable_m: 0.036, clear_m: 0.03, narrow_m: 0.0 };
-
-    /// Checks the configuration.
-    ///
-    /// # Errors
-    /// The field that is out of range.
-    pub fn build(&self) -> Result<Wavefront, ConfigError> {
-        check("planner.wavefront.cell_m", self.cell_m, 0.02, 2.0)?;
-        check("planner.wavefront.passable_m", self.passable_m, 0.0, 2.0)?;
-        check("planner.wavefront.narrow_m", self.narrow_m, -2.0, 2.0)?;
-        check("planner.wavefront.clear_m", self.clear_m, self.narrow_m, 2.0)?;
-        Ok(Wavefront { config: *self })
-    }
-}
-
-/// The configured stage.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wavefront {
-    config: Config,
 }
 
 /// The window, and the distances in it after a march.
@@ -399,63 +362,60 @@ const ROW: isize = SIDE as isize;
 const NEIGHBOURS: [(isize, u32); 8] =
     [(-ROW, 7), (ROW, 7), (-1, 7), (1, 7), (-ROW - 1, 5), (-ROW + 1, 5), (ROW - 1, 5), (ROW + 1, 5)];
 
-impl Wavefront {
-    /// Fills a window around `start_ned_m` with distances. `scale` enlarges the cells, to cover a wider area. An
-    /// obstacle that contains the start is shrunk to end just short of it. What lies outside of the fence is closed.
-    pub fn march(
-        &self,
-        window: &mut Window,
-        start_ned_m: Horizontal,
-        towards_ned_m: Horizontal,
-        scale: f32,
-        obstacles: &[Obstacle],
-        fence: &Fence,
-    ) {
-        let cell_m = self.config.cell_m * scale;
-        let half_m = 0.5 * cell_m * SIDE as f32;
-        let ahead = towards_ned_m.minus(start_ned_m).times(0.5).clamped(AHEAD_M * scale);
-        // Aligned to the grid, so that a pillar always covers the same cells.
-        let raster = |value: f32| libm::floorf(value / cell_m) * cell_m;
-        let corner = start_ned_m.plus(ahead);
-        window.corner_ned_m = Horizontal { north: raster(corner.north - half_m), east: raster(corner.east - half_m) };
-        window.cell_m = cell_m;
-        window.start_ned_m = start_ned_m;
-        window.arrival.fill(FAR);
-        for k in 0..SIDE {
-            for cell in [k, (SIDE - 1) * SIDE + k, k * SIDE, k * SIDE + SIDE - 1] {
+/// Fills a window around `start_ned_m` with distances. `scale` enlarges the cells, to cover a wider area. An
+/// obstacle that contains the start is shrunk to end just short of it. What lies outside of the fence is closed.
+pub fn march(
+    window: &mut Window,
+    start_ned_m: Horizontal,
+    towards_ned_m: Horizontal,
+    scale: f32,
+    obstacles: &[Obstacle],
+    fence: &Fence,
+) {
+    let cell_m = CELL_M * scale;
+    let half_m = 0.5 * cell_m * SIDE as f32;
+    let ahead = towards_ned_m.minus(start_ned_m).times(0.5).clamped(AHEAD_M * scale);
+    // Aligned to the grid, so that a pillar always covers the same cells.
+    let raster = |value: f32| libm::floorf(value / cell_m) * cell_m;
+    let corner = start_ned_m.plus(ahead);
+    window.corner_ned_m = Horizontal { north: raster(corner.north - half_m), east: raster(corner.east - half_m) };
+    window.cell_m = cell_m;
+    window.start_ned_m = start_ned_m;
+    window.arrival.fill(FAR);
+    for k in 0..SIDE {
+        for cell in [k, (SIDE - 1) * SIDE + k, k * SIDE, k * SIDE + SIDE - 1] {
+            window.close(cell);
+        }
+    }
+    window.rims = [[0; WORDS]; 2];
+    let reach_m = fence.reach_m(start_ned_m);
+    if reach_m < f32::INFINITY {
+        for cell in 0..CELLS {
+            if window.place_of(cell).minus(fence.center_ned_m).norm_squared() > reach_m * reach_m {
                 window.close(cell);
             }
         }
-        window.rims = [[0; WORDS]; 2];
-        let reach_m = fence.reach_m(start_ned_m);
-        if reach_m < f32::INFINITY {
-            for cell in 0..CELLS {
-                if window.place_of(cell).minus(fence.center_ned_m).norm_squared() > reach_m * reach_m {
-                    window.close(cell);
-                }
-            }
-        }
-        for obstacle in obstacles {
-            draw(window, obstacle.center_ned_m, obstacle.reach_m + self.config.clear_m, Tier::Outer);
-            draw(window, obstacle.center_ned_m, obstacle.reach_m + self.config.narrow_m, Tier::Inner);
-            // A cell is closed when the middle of a just passable gap cannot lie in it, however the gap is aligned to
-            // the grid.
-            let free_m = obstacle.center_ned_m.minus(start_ned_m).norm() - 0.01;
-            let reach_m = obstacle.reach_m + self.config.passable_m - DIAGONAL * cell_m;
-            draw(window, obstacle.center_ned_m, if reach_m < free_m { reach_m } else { free_m }, Tier::Closed);
-        }
-        // Gaps that are too narrow are closed by a line of cells, which the wave cannot cross.
-        for (index, one) in obstacles.iter().enumerate() {
-            for other in obstacles.get(index + 1..).unwrap_or_default() {
-                let reach_m = one.reach_m + other.reach_m + 2.0 * self.config.passable_m;
-                let across = other.center_ned_m.minus(one.center_ned_m);
-                if across.norm_squared() < reach_m * reach_m {
-                    bridge(window, one.center_ned_m, across);
-                }
-            }
-        }
-        spread(window);
     }
+    for obstacle in obstacles {
+        draw(window, obstacle.center_ned_m, obstacle.reach_m + CLEAR_M, Tier::Outer);
+        draw(window, obstacle.center_ned_m, obstacle.reach_m + NARROW_M, Tier::Inner);
+        // A cell is closed when the middle of a just passable gap cannot lie in it, however the gap is aligned to
+        // the grid.
+        let free_m = obstacle.center_ned_m.minus(start_ned_m).norm() - 0.01;
+        let reach_m = obstacle.reach_m + PASSABLE_M - DIAGONAL * cell_m;
+        draw(window, obstacle.center_ned_m, if reach_m < free_m { reach_m } else { free_m }, Tier::Closed);
+    }
+    // Gaps that are too narrow are closed by a line of cells, which the wave cannot cross.
+    for (index, one) in obstacles.iter().enumerate() {
+        for other in obstacles.get(index + 1..).unwrap_or_default() {
+            let reach_m = one.reach_m + other.reach_m + 2.0 * PASSABLE_M;
+            let across = other.center_ned_m.minus(one.center_ned_m);
+            if across.norm_squared() < reach_m * reach_m {
+                bridge(window, one.center_ned_m, across);
+            }
+        }
+    }
+    spread(window);
 }
 
 /// The outermost cells inside the rim.

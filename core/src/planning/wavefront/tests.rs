@@ -12,7 +12,7 @@ fn pillar(north: f32, east: f32, reach_m: f32) -> Obstacle {
 
 fn march(start: Horizontal, obstacles: &[Obstacle]) -> Box<Window> {
     let mut window = Box::new(Window::new());
-    Config::default().build().unwrap().march(&mut window, start, start, 1.0, obstacles, &Fence::DEFAULT);
+    super::march(&mut window, start, start, 1.0, obstacles, &Fence::DEFAULT);
     assert_eq!(window.dropped(), 0);
     window
 }
@@ -98,16 +98,8 @@ fn any_obstacles_and_any_start_end_in_a_bounded_march() {
         let mut window = Box::new(Window::new());
         let (start, towards) =
             (Horizontal { north: number(), east: number() }, Horizontal { north: number(), east: number() });
-        Config::default().build().unwrap().march(&mut window, start, towards, 1.0, &obstacles, &Fence::DEFAULT);
+        super::march(&mut window, start, towards, 1.0, &obstacles, &Fence::DEFAULT);
         let exit = window.best_exit(towards);
         assert!(exit.is_none_or(|place| window.route(place).len() <= ROUTE_MAX));
     }
-}
-
-#[test]
-fn bad_cells_and_margins_are_refused_by_name() {
-    let refused = |config: Config| config.build().unwrap_err().field;
-    assert_eq!(refused(Config { cell_m: 0.0, ..Config::default() }), "planner.wavefront.cell_m");
-    assert_eq!(refused(Config { clear_m: -0.1, ..Config::default() }), "planner.wavefront.clear_m");
-    assert_eq!(refused(Config { passable_m: f32::NAN, ..Config::default() }), "planner.wavefront.passable_m");
 }
