@@ -22,6 +22,9 @@ use crate::doa::bearing::Bearing;
 const LEVEL_RAD: f32 = 0.03;
 /// Averaging time of the depression.
 const DEPRESSION_MEMORY_S: f32 = 1.0;
+/// Averaging time of perfect bearings, and that added per radian of the bearings' sigma.
+const MEMORY_MIN_S: f32 = 0.1;
+const MEMORY_S_PER_RAD: f32 = 6.0;
 
 /// Configuration of the goal.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,17 +32,13 @@ const DEPRESSION_MEMORY_S: f32 = 1.0;
 pub struct Config {
     /// Distance of the temporary target.
     pub target_distance_m: f32,
-    /// Averaging time of perfect bearings.
-    pub memory_min_s: f32,
-    /// Averaging time added per radian of the bearings' sigma.
-    pub memory_s_per_rad: f32,
     /// Position of the source, if it is known beforehand. Bearings are still needed: they show that it is received.
     pub known_source_ned_m: Option<Horizontal>,
 }
 
 impl Default for Config {
     fn default() -> Self {
-        Self { target_distance_m: 2.0, memory_min_s: 0.1, memory_s_per_rad: 6.0, known_source_ned_m: None }
+        Self { target_distance_m: 2.0, known_source_ned_m: None }
     }
 }
 
@@ -50,8 +49,6 @@ impl Config {
     /// The field that is out of range.
     pub fn build(&self) -> Result<Seeker, ConfigError> {
         check("goal.target_distance_m", self.target_distance_m, 0.5, 20.0)?;
-        check("goal.memory_min_s", self.memory_min_s, 0.0, 10.0)?;
-        check("goal.memory_s_per_rad", self.memory_s_per_rad, 0.0, 100.0)?;
         if let Some(place) = self.known_source_ned_m {
             check("goal.known_source_ned_m.north", place.north, -1e5, 1e5)?;
             check("goal.known_source_ned_m.east", place.east, -1e5, 1e5)?;
@@ -118,7 +115,7 @@ impl Seeker {
         let kept = match state.updated {
             None => 0.0,
             Some(updated) => {
-                let memory_s = self.config.memory_min_s + self.config.memory_s_per_rad * sigma_rad;
+                let memory_s = MEMORY_MIN_S + MEMORY_S_PER_RAD * sigma_rad;
                 let age = at.seconds_since(updated) / if memory_s > 1e-3 { memory_s } else { 1e-3 };
                 // exp(-age), by the first terms of its series: accurate enough for a weight.
                 1.0 / (1.0 + age + 0.5 * age * age)
