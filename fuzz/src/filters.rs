@@ -160,10 +160,8 @@ fn polar_config(draw: &mut Draw<'_>) -> polar::Config {
     polar::Config {
         inverse_range_per_m: draw.field(usual.inverse_range_per_m, 1e-3, 5.0),
         inverse_range_sigma_per_m: draw.field(usual.inverse_range_sigma_per_m, 1e-6, 5.0),
-        range_min_m: draw.field(usual.range_min_m, 1e-3, 5.0),
         range_max_m: draw.field(usual.range_max_m, 10.0, 1e5),
         outlier_rate: draw.field(usual.outlier_rate, 0.0, 0.9),
-        sigma_floor_rad: draw.field(usual.sigma_floor_rad, 1e-4, 1.0),
         odometry_m2_per_s: draw.field(usual.odometry_m2_per_s, 0.0, 10.0),
         speed_sigma_mps: draw.field(usual.speed_sigma_mps, 0.0, 100.0),
         acceleration_m2_per_s3: draw.field(usual.acceleration_m2_per_s3, 0.0, 100.0),

@@ -36,8 +36,10 @@ use crate::mapping::walls::Wall;
 
 /// If the range after a step is less than this fraction of the range before, the vehicle is at the source.
 const OVERHEAD: f32 = 1e-3;
-/// Smallest standard deviation of a bearing.
-const SIGMA_MIN_RAD: f32 = 1e-4;
+/// Smallest standard deviation of a sighting.
+const SIGMA_FLOOR_RAD: f32 = 0.002;
+/// Smallest range that the estimate may have.
+const RANGE_MIN_M: f32 = 0.2;
 /// Largest standard deviation of a bearing: that of the uniform distribution.
 const BEARING_SIGMA_MAX_RAD: f32 = 1.813_8;
 
@@ -49,14 +51,10 @@ pub struct Config {
     pub inverse_range_per_m: f32,
     /// Its standard deviation.
     pub inverse_range_sigma_per_m: f32,
-    /// Smallest and largest range that the estimate may have.
-    pub range_min_m: f32,
-    /// See `range_min_m`.
+    /// Largest range that the estimate may have.
     pub range_max_m: f32,
     /// Share of sightings that are outliers.
     pub outlier_rate: f32,
-    /// Smallest standard deviation of a sighting.
-    pub sigma_floor_rad: f32,
     /// Error of the vehicle's own position, a random walk with this variance per second.
     pub odometry_m2_per_s: f32,
     /// Initial standard deviation of a moving source's speed, along each axis.
@@ -70,10 +68,8 @@ impl Config {
     pub const DEFAULT: Self = Self {
         inverse_range_per_m: 0.08,
         inverse_range_sigma_per_m: 0.12,
-        range_min_m: 0.2,
         range_max_m: 1000.0,
         outlier_rate: 0.01,
-        sigma_floor_rad: 0.002,
         odometry_m2_per_s: 1e-5,
         speed_sigma_mps: 0.5,
         acceleration_m2_per_s3: 0.01,
@@ -92,12 +88,10 @@ impl Config {
     /// # Errors
     /// The field that is out of range.
     pub fn build(&self) -> Result<Filter, ConfigError> {
-        check("source.range_min_m", self.range_min_m, 1e-3, 100.0)?;
-        check("source.range_max_m", self.range_max_m, 2.0 * self.range_min_m, 1e5)?;
-        check("source.inverse_range_per_m", self.inverse_range_per_m, 1.0 / self.range_max_m, 1.0 / self.range_min_m)?;
-        check("source.inverse_range_sigma_per_m", self.inverse_range_sigma_per_m, 1e-6, 1.0 / self.range_min_m)?;
+        check("source.range_max_m", self.range_max_m, 2.0 * RANGE_MIN_M, 1e5)?;
+        check("source.inverse_range_per_m", self.inverse_range_per_m, 1.0 / self.range_max_m, 1.0 / RANGE_MIN_M)?;
+        check("source.inverse_range_sigma_per_m", self.inverse_range_sigma_per_m, 1e-6, 1.0 / RANGE_MIN_M)?;
         check("source.outlier_rate", self.outlier_rate, 0.0, 0.9)?;
-        check("source.sigma_floor_rad", self.sigma_floor_rad, SIGMA_MIN_RAD, 1.0)?;
         check("source.odometry_m2_per_s", self.odometry_m2_per_s, 0.0, 10.0)?;
         check("source.speed_sigma_mps", self.speed_sigma_mps, 0.0, 100.0)?;
         check("source.acceleration_m2_per_s3", self.acceleration_m2_per_s3, 0.0, 100.0)?;
@@ -256,8 +250,7 @@ impl Filter {
         if !sighting.is_plausible() {
             return Update::Refused;
         }
-        let floor = self.config.sigma_floor_rad;
-        let sigma_rad = if sighting.sigma_rad > floor { sighting.sigma_rad } else { floor };
+        let sigma_rad = if sighting.sigma_rad > SIGMA_FLOOR_RAD { sighting.sigma_rad } else { SIGMA_FLOOR_RAD };
         if !state.started {
             self.start(state, sighting, sigma_rad);
             return Update::Started;
@@ -285,7 +278,7 @@ impl Filter {
         let direction_ned = sighting.direction_ned;
         state.direction_ned = direction_ned.times(1.0 / direction_ned.norm());
         state.inverse_range_per_m = config.inverse_range_per_m;
-        let sigma_rad = between(sigma_rad, SIGMA_MIN_RAD, BEARING_SIGMA_MAX_RAD);
+        let sigma_rad = between(sigma_rad, SIGMA_FLOOR_RAD, BEARING_SIGMA_MAX_RAD);
         state.p[0][0] = sigma_rad * sigma_rad;
         state.p[1][1] = config.inverse_range_sigma_per_m * config.inverse_range_sigma_per_m;
         let speed = config.speed_sigma_mps * config.inverse_range_per_m;
@@ -312,7 +305,7 @@ impl Filter {
             m = m.plus(state.velocity_ned_per_s.times(dt_s));
         }
         let s = m.norm();
-        if !(s > OVERHEAD && rho * config.range_min_m <= s) {
+        if !(s > OVERHEAD && rho * RANGE_MIN_M <= s) {
             return false;
         }
         let shrink = 1.0 / s;
@@ -410,8 +403,8 @@ impl Filter {
     fn keep_sound<const S: usize>(&self, state: &mut State<S>) {
         let config = &self.config;
         let rho = state.inverse_range_per_m;
-        if rho * config.range_min_m > 1.0 {
-            state.inverse_range_per_m = 1.0 / config.range_min_m;
+        if rho * RANGE_MIN_M > 1.0 {
+            state.inverse_range_per_m = 1.0 / RANGE_MIN_M;
         } else if rho * config.range_max_m < 1.0 {
             state.inverse_range_per_m = 1.0 / config.range_max_m;
         }
