@@ -301,12 +301,7 @@ fn behind_walls(draw: &mut Draw<'_>) -> Reached {
 fn several(draw: &mut Draw<'_>) -> Reached {
     let mut reached = Reached::default();
     let usual = bank::Config::DEFAULT;
-    let config = bank::Config {
-        polar: if draw.flag() { usual.polar } else { polar_config(draw) },
-        through: draw.field(usual.through, 1e-6, 1.0),
-        memory: draw.field(usual.memory, 0.0, 1.0),
-        ..usual
-    };
+    let config = bank::Config { polar: if draw.flag() { usual.polar } else { polar_config(draw) }, ..usual };
     let Ok(bank) = config.build() else { return reached };
     reached.configured = true;
     let mut state = bank::State::new();

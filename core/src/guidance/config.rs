@@ -140,12 +140,7 @@ impl Config {
             known_source_ned_m: self.goal.known_source_ned_m,
             phase: self.phase.build()?,
             bearing: self.bearing.build(self.array.build()?)?,
-            localizer: Localizer::build(
-                &self.goal,
-                &self.source,
-                self.landing.as_ref().map(|landing| &landing.near),
-                self.reflections,
-            )?,
+            localizer: Localizer::build(&self.goal, &self.source, self.landing.is_some(), self.reflections)?,
             searches: self.planner.explore.is_some(),
             vehicle_model,
             wind: self.wind.build(&vehicle_model, self.tick_s)?,

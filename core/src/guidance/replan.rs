@@ -83,11 +83,11 @@ impl<const N: usize> Guidance<N> {
         request.gust_margin_m = self.wind.margin_m(&state.vehicle.wind);
         request.among_moving = state.surroundings.tracks.all().iter().any(Track::moves);
         request.target_ned_m = situation.position_ned_m.plus(direction.times(distance_m));
-        request.wants_walls = self.localizer.is_reflected(&state.belief);
+        request.wants_walls = state.belief.is_reflected();
         request.begins = state.plans.active.is_none();
         request.position_ned_m = situation.position_ned_m;
         request.direction_ned = direction;
-        request.learn = self.localizer.vague(&state.belief).map(|estimate| Learn {
+        request.learn = state.belief.vague().map(|estimate| Learn {
             source_ned_m: estimate.place_ned_m,
             covariance_m2: estimate.covariance_m2,
             sigma_rad: if estimate.bearing_sigma_rad > 0.01 { estimate.bearing_sigma_rad } else { 0.01 },

@@ -300,7 +300,7 @@ mod tests {
         fn new(config: &Config, source: Horizontal) -> Self {
             Self {
                 turning: config.build(&mission::Config::default(), 2.5).unwrap(),
-                localizer: Localizer::build(&goal::Config::default(), &bank::Config::default(), None, false).unwrap(),
+                localizer: Localizer::build(&goal::Config::default(), &bank::Config::default(), false, false).unwrap(),
                 belief: belief::State::default(),
                 pattern: config.rotating.pattern,
                 state: State::default(),

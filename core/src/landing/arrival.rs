@@ -9,7 +9,7 @@ use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::localize::source::Estimate;
-use crate::localize::source::near::Fix;
+use crate::localize::source::near::{Fix, NEAR_M};
 
 /// Share of the bearings that agree, for an arrival.
 const AGREEMENT_MIN: f32 = 0.55;
@@ -37,13 +37,13 @@ impl Default for Config {
 }
 
 impl Config {
-    /// Checks the configuration. `near_m` is the range within which the beacon counts as near.
+    /// Checks the configuration.
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(&self, near_m: f32) -> Result<Arrival, ConfigError> {
+    pub fn build(&self) -> Result<Arrival, ConfigError> {
         check("landing.arrival.arrive_m", self.arrive_m, 0.2, 5.0)?;
-        Ok(Arrival { config: *self, near_m })
+        Ok(Arrival { config: *self })
     }
 }
 
@@ -51,7 +51,6 @@ impl Config {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Arrival {
     config: Config,
-    near_m: f32,
 }
 
 /// What follows from the fix.
@@ -104,7 +103,7 @@ impl Arrival {
         estimate: Option<&Estimate>,
         tick_s: f32,
     ) -> Verdict {
-        let Some(fix) = fix.filter(|fix| fix.distance_m < self.near_m) else {
+        let Some(fix) = fix.filter(|fix| fix.distance_m < NEAR_M) else {
             state.near_s = 0.0;
             return Verdict::Far;
         };

@@ -54,6 +54,8 @@
 //! limits of [`centring`]'s speeds, and changes no faster than its accelerations.
 //!
 //! Cost: the bench's `landing_step`, which has a bearing in every step and a detection in some.
+//!
+//! [`near`]: crate::localize::source::near
 
 use crate::base::error::{ConfigError, check};
 use crate::base::history::{FullPose, Poses};
@@ -62,7 +64,7 @@ use crate::base::ownship::Ownship;
 use crate::base::time::Instant;
 use crate::base::units::between;
 use crate::localize::source::Estimate;
-use crate::localize::source::near::{self, Fix};
+use crate::localize::source::near::Fix;
 
 pub mod arrival;
 pub mod centring;
@@ -98,9 +100,7 @@ pub struct Config {
     pub attempt_s: f32,
     /// How long the whole landing may take.
     pub total_s: f32,
-    /// The beacon's position in the last metres, as the belief estimates it.
-    pub near: near::Config,
-    /// When that is an arrival.
+    /// When the beacon's fix is an arrival.
     pub arrival: arrival::Config,
     /// Search.
     pub search: search::Config,
@@ -119,7 +119,6 @@ impl Default for Config {
             approach_s: 20.0,
             attempt_s: 45.0,
             total_s: 240.0,
-            near: near::Config::default(),
             arrival: arrival::Config::default(),
             search: search::Config::default(),
             centring: centring::Config::default(),
@@ -141,7 +140,7 @@ impl Config {
         check("landing.total_s", self.total_s, 1.0, 3600.0)?;
         Ok(Lander {
             config: *self,
-            arrival: self.arrival.build(self.near.near_m)?,
+            arrival: self.arrival.build()?,
             search: self.search.build()?,
             pilot: self.centring.build()?,
         })

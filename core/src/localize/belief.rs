@@ -18,7 +18,7 @@ use crate::localize::goal;
 use crate::localize::link_state::{self, Classifier, Sightline};
 use crate::localize::source::bank::{self, Answer, Mode, Path};
 use crate::localize::source::gather::Gathering;
-use crate::localize::source::near::{self, Fix, Near};
+use crate::localize::source::near::{self, Fix};
 use crate::localize::source::support::Support;
 use crate::localize::source::{Estimate, Sighting};
 use crate::mapping::walls::Wall;
@@ -34,12 +34,10 @@ const SURE: f32 = 0.7;
 pub struct Localizer {
     goal: goal::Seeker,
     bank: bank::FilterBank,
-    /// Where the last metres matter.
-    near: Option<Near>,
+    /// Whether the last metres matter.
+    near: bool,
     reflections: bool,
-    reflected_min: f32,
     slack_m: f32,
-    range_sigma_max: f32,
 }
 
 /// The belief, kept from bearing to bearing.
@@ -57,29 +55,13 @@ pub struct State {
 }
 
 impl Localizer {
-    /// The stage of its filters' configurations; the last metres are estimated where `near` is given. `reflections` is
-    /// whether reflections are considered.
+    /// The stage of its filters' configurations; `near` is whether the last metres are estimated,
+    /// `reflections` whether reflections are considered.
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(
-        goal: &goal::Config,
-        bank: &bank::Config,
-        near: Option<&near::Config>,
-        reflections: bool,
-    ) -> Result<Self, ConfigError> {
-        Ok(Self {
-            goal: goal.build()?,
-            bank: bank.build()?,
-            near: match near {
-                Some(near) => Some(near.build()?),
-                None => None,
-            },
-            reflections,
-            reflected_min: bank.reflected_min,
-            slack_m: bank.slack_m,
-            range_sigma_max: bank.range_sigma_max,
-        })
+    pub fn build(goal: &goal::Config, bank: &bank::Config, near: bool, reflections: bool) -> Result<Self, ConfigError> {
+        Ok(Self { goal: goal.build()?, bank: bank.build()?, near, reflections, slack_m: bank.slack_m })
     }
 
     /// Processes an array's bearing, usable or not; returns its direction from north, clockwise, if it is usable.
@@ -140,14 +122,16 @@ impl Localizer {
         pose: &FullPose,
         height_m: Option<f32>,
     ) -> Option<Fix> {
-        let near = self.near.as_ref()?;
-        if let Some((bearing, pose)) = bearing.filter(|_| !self.is_reflected(state)) {
-            near.hear(&mut state.near, bearing, &pose, height_m);
+        if !self.near {
+            return None;
+        }
+        if let Some((bearing, pose)) = bearing.filter(|_| !state.is_reflected()) {
+            state.near.hear(bearing, &pose, height_m);
         }
         if let Some(estimate) = state.direct() {
-            near.suggest(&mut state.near, &estimate, pose, height_m);
+            state.near.suggest(&estimate, pose, height_m);
         }
-        near.fix(&state.near, now, pose.place_ned_m)
+        state.near.fix(now, pose.place_ned_m)
     }
 
     /// Probability that the link is reflected, from a bearing or its absence.
@@ -184,19 +168,6 @@ impl Localizer {
         state.answer =
             answer.map(|answer| if sure(&answer) { answer } else { Answer { path: Path::Direct, ..answer } });
     }
-
-    /// Whether the link is probably reflected.
-    #[must_use]
-    pub fn is_reflected(&self, state: &State) -> bool {
-        state.reflected >= self.reflected_min
-    }
-
-    /// The estimate of the source while its range is too uncertain to fly there.
-    #[must_use]
-    pub fn vague<'a>(&self, state: &'a State) -> Option<&'a Estimate> {
-        let estimate = &state.answer.as_ref()?.estimate;
-        (estimate.range_sigma_ratio > self.range_sigma_max).then_some(estimate)
-    }
 }
 
 impl State {
@@ -231,6 +202,19 @@ impl State {
     #[must_use]
     pub fn share_and_nis(&self) -> Option<(f32, f32)> {
         self.answer.map(|answer| (answer.share, answer.nis))
+    }
+
+    /// Whether the link is probably reflected.
+    #[must_use]
+    pub fn is_reflected(&self) -> bool {
+        self.reflected >= bank::REFLECTED_MIN
+    }
+
+    /// The estimate of the source while its range is too uncertain to fly there.
+    #[must_use]
+    pub fn vague(&self) -> Option<&Estimate> {
+        let estimate = &self.answer.as_ref()?.estimate;
+        (estimate.range_sigma_ratio > bank::RANGE_SIGMA_MAX).then_some(estimate)
     }
 
     /// The link is direct, since nothing is known about it.

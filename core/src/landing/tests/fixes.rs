@@ -6,10 +6,10 @@ use super::{Landing, Memory};
 use crate::base::rng::Rng;
 use crate::base::units::wrap_pi;
 use crate::doa::bearing::{Bearing, Flags, Quality};
+use crate::localize::source::near;
 
 /// Bearings of a beacon from a vehicle that hovers 2 m above it, for some seconds.
 fn hovering(beacon: Horizontal, yaw_rad: f32, roll_rad: f32, flags: Flags) -> Option<Fix> {
-    let near = near::Config::default().build().unwrap();
     let mut state = near::State::default();
     let place_ned_m = Ned { down: -2.0, ..Ned::default() };
     let pose = FullPose { place_ned_m, roll_rad, yaw_rad, ..FullPose::default() };
@@ -29,9 +29,9 @@ fn hovering(beacon: Horizontal, yaw_rad: f32, roll_rad: f32, flags: Flags) -> Op
             quality: Quality { wavenumber: k, snr_db: 20.0, ..Quality::default() },
             flags,
         };
-        near.hear(&mut state, &bearing, &pose, None);
+        state.hear(&bearing, &pose, None);
     }
-    near.fix(&state, Instant(20_000 * 199), place_ned_m)
+    state.fix(Instant(20_000 * 199), place_ned_m)
 }
 
 #[test]

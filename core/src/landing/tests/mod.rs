@@ -11,13 +11,13 @@ use core::mem::size_of;
 use super::observation::{Bad, Pad, PadObservation, Seen};
 use super::*;
 use crate::doa::bearing::Bearing;
+use crate::localize::source::near;
 
 pub(super) const TICK_US: u64 = 20_000;
 
 /// The landing behind the belief's filter of the last metres, as guidance calls them.
 pub(super) struct Landing {
     lander: Lander,
-    near: near::Near,
 }
 
 /// The state of both.
@@ -43,7 +43,7 @@ pub(super) struct Told<'a> {
 
 impl Landing {
     pub(super) fn new(config: Config) -> Self {
-        Self { lander: config.build().unwrap(), near: config.near.build().unwrap() }
+        Self { lander: config.build().unwrap() }
     }
 
     pub(super) fn step(&self, state: &mut Memory, told: &Told<'_>) -> Output {
@@ -57,12 +57,12 @@ impl Landing {
             let height_m = plausible_height_m(height_m);
             if let Some(bearing) = bearing {
                 let pose = state.poses.at(bearing.time).unwrap_or(pose);
-                self.near.hear(&mut state.near, bearing, &pose, height_m);
+                state.near.hear(bearing, &pose, height_m);
             }
             if let Some(estimate) = estimate {
-                self.near.suggest(&mut state.near, estimate, &pose, height_m);
+                state.near.suggest(estimate, &pose, height_m);
             }
-            self.near.fix(&state.near, now, pose.place_ned_m)
+            state.near.fix(now, pose.place_ned_m)
         });
         let poses = &state.poses;
         let input = Input { now, ownship, height_m, poses, fix, estimate, look, is_landed, is_blocked, tick_s };

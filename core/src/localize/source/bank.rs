@@ -37,6 +37,16 @@ const SWITCH_MAX: f32 = 0.1;
 const INNOVATION_MEMORY: f32 = 10.0;
 /// One outlier among ten sightings does not make a filter wrong, two do.
 const INNOVATION_MAX: f32 = 25.0;
+/// Factor on the likelihood of a source that is seen directly although it lies behind a line.
+const THROUGH: f32 = 0.05;
+/// Probability of a reflected link from which on a filter for it is started.
+pub(in crate::localize) const REFLECTED_MIN: f32 = 0.3;
+/// Share of a log-weight that is kept from sighting to sighting.
+const MEMORY: f32 = 0.98;
+/// Mean squared Mahalanobis distance of the innovations above which a filter is considered wrong.
+const DISTANCE_MAX: f32 = 4.0;
+/// Range sigma over range above which the mode is to learn.
+pub(in crate::localize) const RANGE_SIGMA_MAX: f32 = 0.3;
 
 /// Configuration of the bank.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,16 +56,6 @@ pub struct Config {
     pub polar: polar::Config,
     /// Distance beyond its known end within which a line may reflect.
     pub slack_m: f32,
-    /// Factor on the likelihood of a source that is seen directly although it lies behind a line.
-    pub through: f32,
-    /// Probability of a reflected link from which on a filter for it is started.
-    pub reflected_min: f32,
-    /// Share of a log-weight that is kept from sighting to sighting.
-    pub memory: f32,
-    /// Mean squared Mahalanobis distance of the innovations above which a filter is considered wrong.
-    pub distance_max: f32,
-    /// Range sigma over range above which the mode is to learn.
-    pub range_sigma_max: f32,
 }
 
 impl Config {
@@ -63,11 +63,6 @@ impl Config {
     pub const DEFAULT: Self = Self {
         polar: polar::Config { outlier_rate: 0.05, odometry_m2_per_s: 0.003, ..polar::Config::DEFAULT },
         slack_m: 0.5,
-        through: 0.05,
-        reflected_min: 0.3,
-        memory: 0.98,
-        distance_max: 4.0,
-        range_sigma_max: 0.3,
     };
 
     /// Checks the configuration.
@@ -76,11 +71,6 @@ impl Config {
     /// The field that is out of range.
     pub fn build(&self) -> Result<FilterBank, ConfigError> {
         check("source.slack_m", self.slack_m, 0.0, 10.0)?;
-        check("source.through", self.through, 1e-6, 1.0)?;
-        check("source.reflected_min", self.reflected_min, 0.0, 1.0)?;
-        check("source.memory", self.memory, 0.0, 1.0)?;
-        check("source.distance_max", self.distance_max, 1.0, 100.0)?;
-        check("source.range_sigma_max", self.range_sigma_max, 0.01, 10.0)?;
         Ok(FilterBank { config: *self, filter: self.polar.build()? })
     }
 }
@@ -304,20 +294,20 @@ impl FilterBank {
             self.begin_afresh(state, sighting);
         }
         if let Some((line, _)) = wall
-            && reflected >= self.config.reflected_min
+            && reflected >= REFLECTED_MIN
         {
             Self::reflect(state, line);
         }
         settle(state);
         let leading = state.leading()?;
         let total = state.total(leading);
-        let known = knows_range(&leading.filter, self.config.range_sigma_max);
+        let known = knows_range(&leading.filter, RANGE_SIGMA_MAX);
         let mut here = leading.filter;
         if leading.path != Path::Direct && !self.filter.predict(&mut here, sighting.place_ned_m, 0.0) {
             return None;
         }
         let estimate = here.estimate()?;
-        let mode = if known && leading.distance < self.config.distance_max { Mode::Go } else { Mode::Learn };
+        let mode = if known && leading.distance < DISTANCE_MAX { Mode::Go } else { Mode::Learn };
         Some(Answer { estimate, path: leading.path, explained, share: 1.0 / total, nis: leading.distance, mode })
     }
 
@@ -345,7 +335,7 @@ impl FilterBank {
     ) -> bool {
         let direct = self.read(hypothesis, sighting, Path::Direct).map(|reading| {
             let behind = wall.is_some_and(|(_, range_m)| reading.filter.inverse_range_per_m() * range_m < 0.9);
-            reading.times((1.0 - reflected) * if behind { self.config.through } else { 1.0 })
+            reading.times((1.0 - reflected) * if behind { THROUGH } else { 1.0 })
         });
         let mirrored = wall.filter(|_| reflected > 0.0).and_then(|(line, range_m)| {
             let reading = self.read(hypothesis, sighting, Path::Reflected(line))?;
@@ -358,7 +348,7 @@ impl FilterBank {
             (None, Some(mirrored)) => (mirrored, 0.0),
             (None, None) => {
                 // The sighting fits neither path: an outlier.
-                hypothesis.log_weight = self.config.memory * hypothesis.log_weight + NOTHING;
+                hypothesis.log_weight = MEMORY * hypothesis.log_weight + NOTHING;
                 return false;
             }
         };
@@ -366,8 +356,7 @@ impl FilterBank {
         // at every sighting, with an unknown range, would be too nonlinear for it.
         hypothesis.filter = best.filter;
         hypothesis.path = best.path;
-        hypothesis.log_weight =
-            self.config.memory * hypothesis.log_weight + libm::logf(best.likelihood + other + 1e-30);
+        hypothesis.log_weight = MEMORY * hypothesis.log_weight + libm::logf(best.likelihood + other + 1e-30);
         let nis = if best.nis < INNOVATION_MAX { best.nis } else { INNOVATION_MAX };
         hypothesis.distance += (nis - hypothesis.distance) / INNOVATION_MEMORY;
         best.inlier > EXPLAINED

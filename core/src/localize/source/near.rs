@@ -22,7 +22,6 @@
 //! Cost: in the bench's `landing_step`.
 
 use super::Estimate;
-use crate::base::error::{ConfigError, check};
 use crate::base::history::{Axes, FullPose};
 use crate::base::math::sqrt;
 use crate::base::ned::{Horizontal, Ned};
@@ -77,49 +76,15 @@ const RISE_DB: f32 = 6.0;
 const MAXIMUM_DB: f32 = 3.0;
 /// Longest time between bearings that counts.
 const GAP_S: f32 = 0.5;
-
-/// Configuration of the filter.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Config {
-    /// Within this range the bank's position begins a fix, and the source counts as near.
-    pub near_m: f32,
-    /// Depth of the source below the vehicle, if no range finder gives the height.
-    pub below_m: f32,
-    /// Standard deviation of that.
-    pub below_sigma_m: f32,
-    /// Standard deviation of the source's height over the ground, where there is a range finder.
-    pub height_sigma_m: f32,
-    /// Error of bearings that does not average out.
-    pub floor_rad: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self { near_m: 3.0, below_m: 2.0, below_sigma_m: 1.0, height_sigma_m: 0.5, floor_rad: 0.06 }
-    }
-}
-
-impl Config {
-    /// Checks the configuration.
-    ///
-    /// # Errors
-    /// The field that is out of range.
-    pub fn build(&self) -> Result<Near, ConfigError> {
-        check("near.near_m", self.near_m, 0.5, 20.0)?;
-        check("near.below_m", self.below_m, 0.2, 100.0)?;
-        check("near.below_sigma_m", self.below_sigma_m, 0.01, 100.0)?;
-        check("near.height_sigma_m", self.height_sigma_m, 0.01, 100.0)?;
-        check("near.floor_rad", self.floor_rad, 0.001, 0.5)?;
-        Ok(Near { config: *self })
-    }
-}
-
-/// The configured filter.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Near {
-    config: Config,
-}
+/// Within this range the bank's position begins a fix, and the source counts as near.
+pub(crate) const NEAR_M: f32 = 3.0;
+/// Depth of the source below the vehicle if no range finder gives the height, and its standard deviation.
+const BELOW_M: f32 = 2.0;
+const BELOW_SIGMA_M: f32 = 1.0;
+/// Standard deviation of the source's height over the ground, where there is a range finder.
+const HEIGHT_SIGMA_M: f32 = 0.5;
+/// Error of bearings that does not average out.
+const FLOOR_RAD: f32 = 0.06;
 
 /// The source's position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -192,34 +157,39 @@ struct Sight {
     is_level: bool,
 }
 
-impl Near {
-    /// The usable part of a bearing.
-    fn sight(&self, bearing: &Bearing) -> Option<Sight> {
-        let (sigma, elevation_sigma, k) = (bearing.sigma_rad, bearing.elevation_sigma_rad, bearing.quality.wavenumber);
-        let is_level = !(elevation_sigma < ELEVATION_SIGMA_MAX_RAD && k > 0.0 && k < K_MAX);
-        let bad = Flags(Flags::UNCALIBRATED.0 | Flags::NO_SIGNAL.0);
-        let is_overhead = bearing.flags.contains(Flags::AMBIGUOUS)
-            && bearing.flags.0 & bad.0 == 0
-            && elevation_sigma < OVERHEAD_SIGMA_MAX_RAD;
-        let sane = libm::fabsf(bearing.azimuth_rad) < 100.0 && sigma > 0.0 && sigma < 4.0;
-        if !sane || !(bearing.valid || is_overhead) {
-            return None;
-        }
-        let (sin_az, cos_az) = sin_cos(bearing.azimuth_rad);
-        if is_level {
-            return Some(Sight { u: [cos_az, sin_az], variance: sigma * sigma, is_level });
-        }
-        let level = 1.0 - k * k;
-        let (across, along) = (sigma * k, elevation_sigma * sqrt(if level > 0.0 { level } else { 0.0 }));
-        let sigma_u = if across > along { across } else { along };
-        let k = if k < K_CLIPPED { k } else { K_CLIPPED };
-        Some(Sight { u: [k * cos_az, k * sin_az], variance: sigma_u * sigma_u, is_level })
+/// The usable part of a bearing.
+fn sight(bearing: &Bearing) -> Option<Sight> {
+    let (sigma, elevation_sigma, k) = (bearing.sigma_rad, bearing.elevation_sigma_rad, bearing.quality.wavenumber);
+    let is_level = !(elevation_sigma < ELEVATION_SIGMA_MAX_RAD && k > 0.0 && k < K_MAX);
+    let bad = Flags(Flags::UNCALIBRATED.0 | Flags::NO_SIGNAL.0);
+    let is_overhead = bearing.flags.contains(Flags::AMBIGUOUS)
+        && bearing.flags.0 & bad.0 == 0
+        && elevation_sigma < OVERHEAD_SIGMA_MAX_RAD;
+    let sane = libm::fabsf(bearing.azimuth_rad) < 100.0 && sigma > 0.0 && sigma < 4.0;
+    if !sane || !(bearing.valid || is_overhead) {
+        return None;
     }
+    let (sin_az, cos_az) = sin_cos(bearing.azimuth_rad);
+    if is_level {
+        return Some(Sight { u: [cos_az, sin_az], variance: sigma * sigma, is_level });
+    }
+    let level = 1.0 - k * k;
+    let (across, along) = (sigma * k, elevation_sigma * sqrt(if level > 0.0 { level } else { 0.0 }));
+    let sigma_u = if across > along { across } else { along };
+    let k = if k < K_CLIPPED { k } else { K_CLIPPED };
+    Some(Sight { u: [k * cos_az, k * sin_az], variance: sigma_u * sigma_u, is_level })
+}
 
+/// Depth of the source below the vehicle at a height over the ground, and its standard deviation.
+fn below(height_m: Option<f32>) -> (f32, f32) {
+    height_m.map_or((BELOW_M, BELOW_SIGMA_M), |height_m| (height_m, HEIGHT_SIGMA_M))
+}
+
+impl State {
     /// Takes a bearing, made at a pose. `height_m` is the height over the ground.
-    pub fn hear(&self, state: &mut State, bearing: &Bearing, pose: &FullPose, height_m: Option<f32>) {
-        let Some(sight) = self.sight(bearing) else { return };
-        let since_s = state.heard.map_or(0.02, |heard| bearing.time.seconds_since(heard));
+    pub fn hear(&mut self, bearing: &Bearing, pose: &FullPose, height_m: Option<f32>) {
+        let Some(sight) = sight(bearing) else { return };
+        let since_s = self.heard.map_or(0.02, |heard| bearing.time.seconds_since(heard));
         if !(since_s > 0.0) {
             return;
         }
@@ -234,121 +204,107 @@ impl Near {
             axes.to_ned([forward, right, sqrt(if squared > 0.0 { squared } else { 0.0 })])
         };
         let here = pose.place_ned_m.horizontal();
-        let was_heard = state.heard.is_some();
-        state.heard = Some(bearing.time);
-        Self::weigh_strength(state, bearing.quality.snr_db, since_s, was_heard);
+        let was_heard = self.heard.is_some();
+        self.heard = Some(bearing.time);
+        self.weigh_strength(bearing.quality.snr_db, since_s, was_heard);
 
         let share = since_s / (MEAN_MEMORY_S + since_s);
-        let mean = &mut state.mean_ned;
+        let mean = &mut self.mean_ned;
         mean.north += share * (direction.north - mean.north);
         mean.east += share * (direction.east - mean.east);
         mean.down += share * (direction.down - mean.down);
-        state.mean_s += since_s;
+        self.mean_s += since_s;
         let is_steep = if direction.down > STEEP { 1.0 } else { 0.0 };
-        state.steep += since_s / (AGREEMENT_MEMORY_S + since_s) * (is_steep - state.steep);
-        let has_swung = state.mean_s > MEAN_SETTLED_S && Self::swings(state, here);
+        self.steep += since_s / (AGREEMENT_MEMORY_S + since_s) * (is_steep - self.steep);
+        let has_swung = self.mean_s > MEAN_SETTLED_S && self.swings(here);
 
-        if !state.begun {
-            let mean = state.mean_ned;
+        if !self.begun {
+            let mean = self.mean_ned;
             let norm = sqrt(mean.horizontal().norm_squared() + mean.down * mean.down);
-            let (below_m, below_sigma_m) = self.below(height_m);
-            if state.steep > STEEP_SHARE && mean.down > STEEP * norm && norm > 0.5 && state.mean_s > MEAN_SETTLED_S {
+            let (below_m, below_sigma_m) = below(height_m);
+            if self.steep > STEEP_SHARE && mean.down > STEEP * norm && norm > 0.5 && self.mean_s > MEAN_SETTLED_S {
                 let towards = mean.horizontal().times(1.0 / mean.down);
                 let place = here.plus(towards.times(below_m));
                 let spread_m = 0.5 * below_m + below_sigma_m * towards.norm();
-                self.begin(state, place, spread_m * spread_m, pose, height_m);
+                self.begin(place, spread_m * spread_m, pose, height_m);
             } else if has_swung {
-                self.begin(state, here, 1.0, pose, height_m);
+                self.begin(here, 1.0, pose, height_m);
             }
             return;
         }
-        self.fuse(state, &sight, pose, &axes, height_m, since_s);
+        self.fuse(&sight, pose, &axes, height_m, since_s);
     }
 
     /// The bank's filter knows the source's position: the fix begins there, unless there is one.
-    pub fn suggest(&self, state: &mut State, estimate: &Estimate, pose: &FullPose, height_m: Option<f32>) {
+    pub fn suggest(&mut self, estimate: &Estimate, pose: &FullPose, height_m: Option<f32>) {
         let here = pose.place_ned_m.horizontal();
         let [nn, _, ee] = estimate.covariance_m2;
-        let near = estimate.place_ned_m.minus(here).norm_squared() < self.config.near_m * self.config.near_m;
-        if state.begun || !near || !(nn + ee < 1.0 && nn > 0.0 && ee > 0.0) {
+        let near = estimate.place_ned_m.minus(here).norm_squared() < NEAR_M * NEAR_M;
+        if self.begun || !near || !(nn + ee < 1.0 && nn > 0.0 && ee > 0.0) {
             return;
         }
-        self.begin(state, estimate.place_ned_m, nn + ee + 0.1, pose, height_m);
+        self.begin(estimate.place_ned_m, nn + ee + 0.1, pose, height_m);
     }
 
-    fn below(&self, height_m: Option<f32>) -> (f32, f32) {
-        let c = &self.config;
-        height_m.map_or((c.below_m, c.below_sigma_m), |height_m| (height_m, c.height_sigma_m))
-    }
-
-    fn begin(&self, state: &mut State, place: Horizontal, variance_m2: f32, pose: &FullPose, height_m: Option<f32>) {
-        let (below_m, below_sigma_m) = self.below(height_m);
+    fn begin(&mut self, place: Horizontal, variance_m2: f32, pose: &FullPose, height_m: Option<f32>) {
+        let (below_m, below_sigma_m) = below(height_m);
         let towards = place.minus(pose.place_ned_m.horizontal());
         let distance_m = towards.norm();
-        state.begun = true;
-        state.place_ned_m = Ned { north: place.north, east: place.east, down: pose.place_ned_m.down + below_m };
-        state.covariance_m2 = [variance_m2, 0.0, variance_m2, 0.0, 0.0, below_sigma_m * below_sigma_m];
-        (state.agreement, state.heard_s, state.has_sides) = (0.5, 0.0, false);
-        state.first_ned =
-            if distance_m > RANGE_MIN_M { towards.times(1.0 / distance_m) } else { Horizontal::default() };
+        self.begun = true;
+        self.place_ned_m = Ned { north: place.north, east: place.east, down: pose.place_ned_m.down + below_m };
+        self.covariance_m2 = [variance_m2, 0.0, variance_m2, 0.0, 0.0, below_sigma_m * below_sigma_m];
+        (self.agreement, self.heard_s, self.has_sides) = (0.5, 0.0, false);
+        self.first_ned = if distance_m > RANGE_MIN_M { towards.times(1.0 / distance_m) } else { Horizontal::default() };
     }
 
     /// The mean and the extremes of the signal's strength.
-    fn weigh_strength(state: &mut State, snr_db: f32, since_s: f32, was_heard: bool) {
+    fn weigh_strength(&mut self, snr_db: f32, since_s: f32, was_heard: bool) {
         if !(libm::fabsf(snr_db) < 200.0) {
             return;
         }
         if !was_heard {
-            (state.strength_db, state.least_db, state.most_db) = (snr_db, snr_db, snr_db);
+            (self.strength_db, self.least_db, self.most_db) = (snr_db, snr_db, snr_db);
         }
-        state.strength_db += since_s / (STRENGTH_MEMORY_S + since_s) * (snr_db - state.strength_db);
-        if state.strength_db > state.most_db {
-            state.most_db = state.strength_db;
+        self.strength_db += since_s / (STRENGTH_MEMORY_S + since_s) * (snr_db - self.strength_db);
+        if self.strength_db > self.most_db {
+            self.most_db = self.strength_db;
         }
-        if state.strength_db < state.least_db {
-            state.least_db = state.strength_db;
+        if self.strength_db < self.least_db {
+            self.least_db = self.strength_db;
         }
     }
 
     /// Whether the mean direction has swung round, by more than a right angle and within a short distance.
-    fn swings(state: &mut State, here: Horizontal) -> bool {
-        let mean = state.mean_ned.horizontal();
-        let is_fresh = state.swung_ned == Horizontal::default();
-        let has_left = here.minus(state.swung_at_ned_m).norm_squared() > SWING_M * SWING_M;
-        let has_swung = !is_fresh && mean.dot(state.swung_ned) < 0.0 && mean.norm_squared() > 0.1;
+    fn swings(&mut self, here: Horizontal) -> bool {
+        let mean = self.mean_ned.horizontal();
+        let is_fresh = self.swung_ned == Horizontal::default();
+        let has_left = here.minus(self.swung_at_ned_m).norm_squared() > SWING_M * SWING_M;
+        let has_swung = !is_fresh && mean.dot(self.swung_ned) < 0.0 && mean.norm_squared() > 0.1;
         if is_fresh || has_left || has_swung {
-            (state.swung_at_ned_m, state.swung_ned) = (here, mean);
+            (self.swung_at_ned_m, self.swung_ned) = (here, mean);
         }
         has_swung && !has_left
     }
 
     /// One step of the filter.
-    fn fuse(
-        &self,
-        state: &mut State,
-        sight: &Sight,
-        pose: &FullPose,
-        axes: &Axes,
-        height_m: Option<f32>,
-        since_s: f32,
-    ) {
+    fn fuse(&mut self, sight: &Sight, pose: &FullPose, axes: &Axes, height_m: Option<f32>, since_s: f32) {
         let place = pose.place_ned_m;
-        let moved_m = place.horizontal().minus(state.from_ned_m).norm();
-        state.from_ned_m = place.horizontal();
-        let [nn, ne, ee, nd, ed, dd] = state.covariance_m2;
+        let moved_m = place.horizontal().minus(self.from_ned_m).norm();
+        self.from_ned_m = place.horizontal();
+        let [nn, ne, ee, nd, ed, dd] = self.covariance_m2;
         let walk_m2 = WALK_M2_PER_S * since_s;
-        state.covariance_m2 = [nn + walk_m2, ne, ee + walk_m2, nd, ed, dd];
+        self.covariance_m2 = [nn + walk_m2, ne, ee + walk_m2, nd, ed, dd];
         if let Some(height_m) = height_m {
-            state.place_ned_m.down = place.down + height_m;
+            self.place_ned_m.down = place.down + height_m;
         }
 
         let towards = [
-            state.place_ned_m.north - place.north,
-            state.place_ned_m.east - place.east,
-            state.place_ned_m.down - place.down,
+            self.place_ned_m.north - place.north,
+            self.place_ned_m.east - place.east,
+            self.place_ned_m.down - place.down,
         ];
-        let [nn, _, ee, ..] = state.covariance_m2;
-        let floor = self.config.floor_rad * self.config.floor_rad;
+        let [nn, _, ee, ..] = self.covariance_m2;
+        let floor = FLOOR_RAD * FLOOR_RAD;
         let once = sight.variance + floor;
         // Noise is independent after a moment, a bias only elsewhere.
         let noise_share = since_s / NOISE_ALIKE_S;
@@ -371,7 +327,7 @@ impl Near {
             // Beyond a right angle it goes on growing.
             let off = if is_ahead { sine } else { libm::copysignf(2.0, sine) - sine };
             let row = [-expected.east / seen_m, expected.north / seen_m, 0.0];
-            squares += weigh(state, row, off, variances);
+            squares += weigh(self, row, off, variances);
             // A fix behind the vehicle, with this distance in between, cannot be explained by sigma.
             is_behind = !is_ahead && range_m * range_m > 0.5 * (nn + ee);
         } else {
@@ -386,56 +342,56 @@ impl Near {
                     (axis.east - along * unit[1]) * inverse,
                     (axis.down - along * unit[2]) * inverse,
                 ];
-                squares += weigh(state, row, measured - along, variances);
+                squares += weigh(self, row, measured - along, variances);
             }
         }
         let agrees = if squares < AGREES && !is_behind { 1.0 } else { 0.0 };
-        state.agreement += since_s / (AGREEMENT_MEMORY_S + since_s) * (agrees - state.agreement);
-        state.heard_s += since_s;
+        self.agreement += since_s / (AGREEMENT_MEMORY_S + since_s) * (agrees - self.agreement);
+        self.heard_s += since_s;
 
-        let away = state.place_ned_m.horizontal().minus(place.horizontal());
+        let away = self.place_ned_m.horizontal().minus(place.horizontal());
         let distance_m = away.norm();
         if distance_m > SIDE_M && distance_m * distance_m > 2.0 * (nn + ee) {
             let direction = away.times(1.0 / distance_m);
-            if state.first_ned == Horizontal::default() {
-                state.first_ned = direction;
+            if self.first_ned == Horizontal::default() {
+                self.first_ned = direction;
             }
-            state.has_sides |= direction.dot(state.first_ned) < SIDES;
+            self.has_sides |= direction.dot(self.first_ned) < SIDES;
         }
-        state.has_depth = !sight.is_level;
-        let is_lost = state.heard_s > 1.5 && state.agreement < AGREEMENT_LOST;
-        if is_lost || !(distance_m < FAR_M) || !state.covariance_m2.iter().all(|value| value.is_finite()) {
-            state.begun = false;
+        self.has_depth = !sight.is_level;
+        let is_lost = self.heard_s > 1.5 && self.agreement < AGREEMENT_LOST;
+        if is_lost || !(distance_m < FAR_M) || !self.covariance_m2.iter().all(|value| value.is_finite()) {
+            self.begun = false;
         }
     }
 
     /// The fix as seen from a position; `None` if there is none.
     #[must_use]
-    pub fn fix(&self, state: &State, now: Instant, place_ned_m: Ned) -> Option<Fix> {
-        if !state.begun {
+    pub fn fix(&self, now: Instant, place_ned_m: Ned) -> Option<Fix> {
+        if !self.begun {
             return None;
         }
-        let [nn, ne, ee, ..] = state.covariance_m2;
+        let [nn, ne, ee, ..] = self.covariance_m2;
         let (middle, half) = (0.5 * (nn + ee), 0.5 * (nn - ee));
-        let distance_m = state.place_ned_m.horizontal().minus(place_ned_m.horizontal()).norm();
-        let depth_m = between(state.place_ned_m.down - place_ned_m.down, DEPTH_MIN_M, 1e3);
+        let distance_m = self.place_ned_m.horizontal().minus(place_ned_m.horizontal()).norm();
+        let depth_m = between(self.place_ned_m.down - place_ned_m.down, DEPTH_MIN_M, 1e3);
         let slant2 = distance_m * distance_m + depth_m * depth_m;
         // A bias of the angle, along the ground: larger at flatter angles.
-        let flat = if state.has_depth { slant2 / depth_m } else { sqrt(slant2) };
-        let biased = self.config.floor_rad * self.config.floor_rad * flat * flat;
-        let mean = state.mean_ned;
+        let flat = if self.has_depth { slant2 / depth_m } else { sqrt(slant2) };
+        let biased = FLOOR_RAD * FLOOR_RAD * flat * flat;
+        let mean = self.mean_ned;
         let length2 = mean.horizontal().norm_squared() + mean.down * mean.down;
         let is_overhead = mean.down > 0.0 && mean.down * mean.down > OVERHEAD * OVERHEAD * length2;
         Some(Fix {
-            place_ned_m: state.place_ned_m,
+            place_ned_m: self.place_ned_m,
             sigma_m: sqrt(middle + sqrt(half * half + ne * ne) + biased),
             distance_m,
-            agreement: state.agreement,
-            heard_s: state.heard_s,
-            is_surrounded: is_overhead || state.has_sides,
-            is_flat: state.has_depth && state.steep < STEEP_SHARE,
-            is_loudest: state.most_db - state.least_db > RISE_DB && state.strength_db > state.most_db - MAXIMUM_DB,
-            is_heard: state.heard.is_some_and(|heard| now.seconds_since(heard) < GAP_S),
+            agreement: self.agreement,
+            heard_s: self.heard_s,
+            is_surrounded: is_overhead || self.has_sides,
+            is_flat: self.has_depth && self.steep < STEEP_SHARE,
+            is_loudest: self.most_db - self.least_db > RISE_DB && self.strength_db > self.most_db - MAXIMUM_DB,
+            is_heard: self.heard.is_some_and(|heard| now.seconds_since(heard) < GAP_S),
         })
     }
 }

@@ -28,10 +28,8 @@ const STEPS_MAX: u32 = 6_000;
 #[inline(never)]
 pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let config = Config { has_camera: true, ..Config::default() };
-    let (Ok(lander), Ok(near)) = (config.build(), config.near.build()) else {
-        Twin::halt(format_args!("the lander does not build"))
-    };
-    let (mut state, mut fixing, mut poses, mut worst) = (State::default(), near::State::default(), Poses::default(), 0);
+    let Ok(lander) = config.build() else { Twin::halt(format_args!("the lander does not build")) };
+    let (mut state, mut near, mut poses, mut worst) = (State::default(), near::State::default(), Poses::default(), 0);
     let mut place = Ned { north: -3.0, east: 0.5, down: -3.0 };
     let mut velocity = Ned::default();
     for step in 1..STEPS_MAX {
@@ -71,13 +69,13 @@ pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             let ownship = black_box(&ownship);
             poses.note(ownship);
             let pose = FullPose::carried(ownship, now);
-            near.hear(&mut fixing, &bearing, &poses.at(now).unwrap_or(pose), height_m);
+            near.hear(&bearing, &poses.at(now).unwrap_or(pose), height_m);
             let input = Input {
                 now,
                 ownship: Some(ownship),
                 height_m,
                 poses: &poses,
-                fix: near.fix(&fixing, now, pose.place_ned_m),
+                fix: near.fix(now, pose.place_ned_m),
                 estimate: None,
                 look,
                 is_landed: place.down >= 0.0,
