@@ -6,7 +6,7 @@ use core::fmt;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ConfigError {
-    /// The field's path as the user wrote it, such as `planner.lambda`.
+    /// The field's path as the user wrote it, such as `planner.margin_m`.
     pub field: &'static str,
     /// The refused value.
     pub value: f32,

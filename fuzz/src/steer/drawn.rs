@@ -115,16 +115,12 @@ fn planner_config(draw: &mut Draw<'_>) -> planner::Config {
         baseline::Kind::Sun,
         baseline::Kind::VirtualForce,
     ];
-    let lambda = draw.field(usual.lambda, 1e-3, 1e3);
     let law = Law::of(laws[usize::from(draw.below(6))]);
     let mut config = planner::Config {
-        lambda,
         law: if kind == Kind::Foxhound { Law::default() } else { law },
         reading: [Reading::Waypoint, Reading::Quarters, Reading::Gradient][usize::from(draw.below(3))],
         offsets: if draw.below(4) == 0 { Offsets::Scalar } else { Offsets::Signed },
         margin_m: draw.field(usual.margin_m, 0.02, 1.0),
-        horizon_m: draw.field(usual.horizon_m, 0.5, 2.0),
-        checked_segments: if draw.flag() { usual.checked_segments } else { draw.below(16) },
         ..usual
     };
     for gains in [&mut config.gains, &mut config.gains_sigma] {

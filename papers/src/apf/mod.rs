@@ -177,7 +177,7 @@ fn plan(config: &Config, vehicle: &Vehicle, workspace: &mut Workspace, request: 
         workspace.costs[index] = cost.total();
         workspace.feasible[index] = true;
     }
-    if let Some(optimal) = optimal(workspace, config.lambda, config.offsets) {
+    if let Some(optimal) = optimal(workspace, config.offsets) {
         let chosen = nearest(workspace, &optimal);
         (plan.waypoints_ned_m, plan.gains, plan.cost) =
             (workspace.samples[chosen], workspace.gains[chosen], workspace.costs[chosen]);
@@ -243,10 +243,10 @@ fn target(request: &PlanRequest) -> Horizontal {
 }
 
 /// Eq. 46 and 47, in either reading.
-fn optimal(workspace: &Workspace, lambda: f32, reading: Offsets) -> Option<Trajectory> {
+fn optimal(workspace: &Workspace, reading: Offsets) -> Option<Trajectory> {
     match reading {
-        Offsets::Signed => average(workspace, lambda, |offset| offset),
-        Offsets::Scalar => average(workspace, lambda, |offset| {
+        Offsets::Signed => average(workspace, |offset| offset),
+        Offsets::Scalar => average(workspace, |offset| {
             let distance = offset.norm();
             Horizontal { north: distance, east: distance }
         }),
@@ -373,7 +373,7 @@ mod tests {
         let (mut moved, mut other) = (0, 0);
         for seed in 0..200 {
             let (plan, workspace) = run("paper_scalar", &request(seed), &known(seed));
-            let optimal = optimal(&workspace, 1.0, Offsets::Scalar).unwrap();
+            let optimal = optimal(&workspace, Offsets::Scalar).unwrap();
             for (point, initial) in optimal.iter().zip(&workspace.initial) {
                 let offset = point.minus(*initial);
                 assert!(offset.north >= 0.0 && (offset.north - offset.east).abs() < 1e-5);
@@ -425,7 +425,7 @@ mod tests {
             let request = request(seed);
             let known = known(seed);
             let (_, mut workspace) = run("paper", &request, &known);
-            let chosen = nearest(&workspace, &optimal(&workspace, 1.0, Offsets::Signed).unwrap());
+            let chosen = nearest(&workspace, &optimal(&workspace, Offsets::Signed).unwrap());
             let (start, target) = (request.start_ned_m, request.target_ned_m);
             let obstacles: StdVec<Obstacle> = known.iter().map(|c| Obstacle::of(c, 0.15)).collect();
             for (sample, cost) in workspace.samples.iter().zip(&mut workspace.costs) {
@@ -443,7 +443,7 @@ mod tests {
                 assert!((exact - f64::from(*cost)).abs() < 1e-4 * exact, "{cost} {exact}");
                 *cost = exact as f32;
             }
-            assert_eq!(nearest(&workspace, &optimal(&workspace, 1.0, Offsets::Signed).unwrap()), chosen, "seed {seed}");
+            assert_eq!(nearest(&workspace, &optimal(&workspace, Offsets::Signed).unwrap()), chosen, "seed {seed}");
         }
     }
 }

@@ -39,6 +39,13 @@ use baseline::{Law, Offsets, Reading};
 
 /// Parameter samples of one replan (main paper, section IV).
 pub const SAMPLES: usize = 10;
+/// Sampled gains stay above these; the swirl has no limit.
+pub const GAINS_MIN: Gains = Gains { k_att: 0.05, k_rep: 0.005, influence_m: 0.05, swirl: 0.0 };
+/// Farthest temporary target (main paper, section IV: 2 m).
+pub const HORIZON_M: f32 = 2.0;
+/// Number of segments, from the start, that must keep the margin: those that may be flown before the next replan, and
+/// some more.
+const CHECKED_SEGMENTS: usize = 6;
 
 /// Which planner.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -64,10 +71,6 @@ pub struct Config {
     pub gains: Gains,
     /// Their standard deviations.
     pub gains_sigma: Gains,
-    /// Sampled gains stay above these; the swirl has no limit.
-    pub gains_min: Gains,
-    /// Temperature of eq. 46, in units of the cost.
-    pub lambda: f32,
     /// Repulsion law of the papers' planners.
     pub law: Law,
     /// How their trajectories follow the field.
@@ -85,11 +88,6 @@ pub struct Config {
     pub margin_m: f32,
     /// Clearance that it keeps where there is no space for more.
     pub tight_margin_m: f32,
-    /// Farthest temporary target (main paper, section IV: 2 m).
-    pub horizon_m: f32,
-    /// Number of segments, from the start, that must keep the margin: those that may be flown before the next replan,
-    /// and some more.
-    pub checked_segments: u8,
 }
 
 impl Default for Config {
@@ -116,8 +114,6 @@ impl Config {
             kind,
             gains,
             gains_sigma,
-            gains_min: Gains { k_att: 0.05, k_rep: 0.005, influence_m: 0.05, swirl: 0.0 },
-            lambda: 1.0,
             law: Law::of(baseline::Kind::Logarithmic),
             reading: Reading::Waypoint,
             walls: walls::Config::DEFAULT,
@@ -126,8 +122,6 @@ impl Config {
             offsets: Offsets::Signed,
             margin_m: 0.05,
             tight_margin_m: 0.02,
-            horizon_m: 2.0,
-            checked_segments: 6,
         }
     }
 
@@ -144,11 +138,10 @@ impl Config {
             }
         }
         for (field, value, min) in [
-            ("planner.gains.k_att", self.gains.k_att, self.gains_min.k_att),
-            ("planner.gains.k_rep", self.gains.k_rep, self.gains_min.k_rep),
-            ("planner.gains.influence_m", self.gains.influence_m, self.gains_min.influence_m),
+            ("planner.gains.k_att", self.gains.k_att, GAINS_MIN.k_att),
+            ("planner.gains.k_rep", self.gains.k_rep, GAINS_MIN.k_rep),
+            ("planner.gains.influence_m", self.gains.influence_m, GAINS_MIN.influence_m),
         ] {
-            check("planner.gains_min", min, 1e-6, 100.0)?;
             check(field, value, min, 100.0)?;
         }
         check("planner.gains.swirl", self.gains.swirl, -100.0, 100.0)?;
@@ -156,11 +149,8 @@ impl Config {
         for value in [sigma.k_att, sigma.k_rep, sigma.influence_m, sigma.swirl] {
             check("planner.gains_sigma", value, 0.0, 100.0)?;
         }
-        check("planner.lambda", self.lambda, 1e-3, 1e3)?;
         check("planner.margin_m", self.margin_m, 0.0, 5.0)?;
         check("planner.tight_margin_m", self.tight_margin_m, 0.0, self.margin_m)?;
-        check("planner.horizon_m", self.horizon_m, 0.5, 2.0)?;
-        check("planner.checked_segments", f32::from(self.checked_segments), 1.0, WAYPOINTS as f32)?;
         vehicle.check()?;
         sensor.check()?;
         fence.check()?;

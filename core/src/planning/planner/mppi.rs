@@ -29,7 +29,7 @@ use heapless::Vec;
 
 use super::bend::bend;
 use super::sampling::{draw, nearest, weighted};
-use super::{Config, Plan, PlanRequest, Planner, SAMPLES, Verdict, Workspace};
+use super::{CHECKED_SEGMENTS, Config, GAINS_MIN, HORIZON_M, Plan, PlanRequest, Planner, SAMPLES, Verdict, Workspace};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Disc, Obstacle};
@@ -190,7 +190,7 @@ pub(super) fn plan(
     keep_off(&mut workspace.obstacles, progress.since < PATIENCE && !request.among_moving);
     let far = progress.until_far == Some(0);
     let near = |obstacle: &Obstacle| {
-        let limit = config.horizon_m + 2.0 + obstacle.reach_m;
+        let limit = HORIZON_M + 2.0 + obstacle.reach_m;
         obstacle.center_ned_m.minus(start).norm_squared() < limit * limit
     };
     // With no obstacle near no detour is needed, and only a bend shows how far the source is.
@@ -233,7 +233,7 @@ pub(super) fn plan(
         path.clone_from(&route);
     }
     // Places beyond the horizon do not matter yet.
-    let beyond = |place: &Horizontal| place.minus(start).norm_squared() > config.horizon_m * config.horizon_m;
+    let beyond = |place: &Horizontal| place.minus(start).norm_squared() > HORIZON_M * HORIZON_M;
     route.truncate(route.iter().position(beyond).unwrap_or(route.len()));
     for place in &mut route {
         *place = centred(*place, config.margin_m, &workspace.obstacles);
@@ -246,7 +246,7 @@ pub(super) fn plan(
     }
 
     sample(config, workspace, &mut rng, start, target, margin_m);
-    if let Some(optimal) = weighted(workspace, config.lambda) {
+    if let Some(optimal) = weighted(workspace) {
         let chosen = nearest(workspace, &optimal);
         plan.verdict = Verdict::Follow;
         workspace.choose(chosen, &mut plan);
@@ -425,7 +425,7 @@ fn target(
     route: &[Horizontal],
     obstacles: &[Obstacle],
 ) -> (Horizontal, f32) {
-    let horizon_squared = config.horizon_m * config.horizon_m;
+    let horizon_squared = HORIZON_M * HORIZON_M;
     for margin_m in [config.margin_m, config.tight_margin_m] {
         let in_sight = |place: Horizontal| {
             place.minus(start).norm_squared() <= horizon_squared && keeps(margin_m, start, &[place], obstacles)
@@ -481,19 +481,14 @@ fn sample(
     for index in 0..SAMPLES {
         // One of the ten follows the line of sight: almost no repulsion, so almost straight.
         let gains = if index == 0 {
-            Gains {
-                k_rep: config.gains_min.k_rep,
-                influence_m: config.gains_min.influence_m,
-                swirl: 0.0,
-                ..config.gains
-            }
+            Gains { k_rep: GAINS_MIN.k_rep, influence_m: GAINS_MIN.influence_m, swirl: 0.0, ..config.gains }
         } else {
             draw(config, rng)
         };
         let (trajectory, cost) = workspace.scene.roll(&field(gains), target);
         workspace.gains[index] = gains;
         workspace.costs[index] = soft(cost);
-        let checked = &trajectory[..usize::from(config.checked_segments).min(WAYPOINTS)];
+        let checked = &trajectory[..CHECKED_SEGMENTS];
         let nearer = trajectory[WAYPOINTS - 1].minus(target).norm() <= NEARER * distance_m;
         workspace.feasible[index] = nearer && workspace.scene.keeps_margin(checked, margin_m);
         workspace.samples[index] = trajectory;

@@ -181,11 +181,9 @@ fn bad_gains_are_refused_by_name() {
         change(&mut config);
         config.build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT).unwrap_err().field
     };
-    assert_eq!(refused(&|c| c.lambda = 0.0), "planner.lambda");
     assert_eq!(refused(&|c| c.gains.k_rep = f32::NAN), "planner.gains.k_rep");
     assert_eq!(refused(&|c| c.gains.influence_m = -1.0), "planner.gains.influence_m");
     assert_eq!(refused(&|c| c.gains_sigma.swirl = -1.0), "planner.gains_sigma");
-    assert_eq!(refused(&|c| c.checked_segments = 0), "planner.checked_segments");
     assert_eq!(refused(&|c| c.kind = Kind::Paper), "planner.kind");
     assert_eq!(refused(&|c| c.law = Law::of(baseline::Kind::Khatib)), "planner.law.kind");
 }

@@ -70,7 +70,7 @@ fn cheapest(samples: &[(Trajectory, Cost); SAMPLES]) -> Option<usize> {
 /// A sample of the gains.
 fn draw(config: &planner::Config, rng: &mut Rng) -> Field {
     let mut above = |mean: f32, sigma: f32, least: f32| (mean + sigma * rng.gaussian()).max(least);
-    let (mean, sigma, least) = (config.gains, config.gains_sigma, config.gains_min);
+    let (mean, sigma, least) = (config.gains, config.gains_sigma, planner::GAINS_MIN);
     let gains = Gains {
         k_att: above(mean.k_att, sigma.k_att, least.k_att),
         k_rep: above(mean.k_rep, sigma.k_rep, least.k_rep),

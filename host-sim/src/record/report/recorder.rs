@@ -173,7 +173,7 @@ fn begin(mission: &Mission, config: &guidance::Config, command: String) -> Begin
         planner: NAMES.into_iter().find(is_it).unwrap_or("of its own"),
         tick_s: TICK_S,
         gains: gains(&config.planner.gains),
-        horizon_m: rounded(f64::from(config.planner.horizon_m), 3),
+        horizon_m: rounded(f64::from(planner::HORIZON_M), 3),
         margins_m: [config.planner.margin_m, config.planner.tight_margin_m].map(|m| milli(f64::from(m))),
         speed_max_mps: milli(f64::from(config.guard.v_max_mps)),
         beacon_height_m,
