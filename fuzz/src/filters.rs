@@ -328,9 +328,7 @@ fn several(draw: &mut Draw<'_>) -> Reached {
 fn seeking(draw: &mut Draw<'_>) -> Reached {
     let mut reached = Reached::default();
     let config = rotating::Config {
-        boresight_rad: draw.field(0.0, -6.3, 6.3),
         memory: draw.field(0.7, 0.0, 0.99),
-        silence_db: draw.field(-110.0, -300.0, 0.0),
         sigma_min_rad: draw.field(0.035, 1e-3, 1.0),
         ..rotating::Config::default()
     };

@@ -62,7 +62,7 @@ pub enum Role {
 pub struct Config {
     /// When the vehicle turns.
     pub role: Role,
-    /// Direction of each channel's antenna, from the nose, clockwise positive. The angle of `rotating` is added.
+    /// Direction of each channel's antenna, from the nose, clockwise positive.
     pub boresights_rad: [f32; CHANNELS],
     /// How fast it turns; negative to the left.
     pub yaw_rate_radps: f32,
@@ -100,8 +100,8 @@ impl Config {
             return Err(ConfigError { field: "turning.yaw_rate_radps", value: self.yaw_rate_radps, why });
         }
         let turn_s = core::f32::consts::TAU / speed_radps;
-        if turn_s > 0.8 * self.rotating.rotation_max_s {
-            let why = Why::Inconsistent("a rotation at that rate takes longer than rotating.rotation_max_s");
+        if turn_s > 0.8 * rotating::ROTATION_MAX_S {
+            let why = Why::Inconsistent("a rotation at that rate takes longer than the longest rotation");
             return Err(ConfigError { field: "turning.yaw_rate_radps", value: self.yaw_rate_radps, why });
         }
         let patience_s = MISSION_TURNS * turn_s;

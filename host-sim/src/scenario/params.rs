@@ -16,7 +16,7 @@ use super::output;
 const SAMPLES: usize = 256;
 
 /// Fields of a configuration that are refused because of others, the parameters that hold them, and those that they must fit.
-const TOGETHER: [(&str, &str, &[&str]); 17] = [
+const TOGETHER: [(&str, &str, &[&str]); 16] = [
     ("vehicle.radius_m + planner.margin_m", "FH_RADIUS + FH_MARGIN", &["FH_RADIUS", "FH_MARGIN"]),
     ("link.heartbeat_timeout_s", "FH_HB_TMO", &["FH_SILENT"]),
     ("link.silence_after_s", "FH_SILENT", &["FH_HB_TMO"]),
@@ -26,7 +26,6 @@ const TOGETHER: [(&str, &str, &[&str]); 17] = [
     ("phase.tone_hz", "FH_TONE", &["FH_SMP_RATE"]),
     ("radio", "FH_BRG_SRC", &["FH_OBS_SRC", "FH_TURN"]),
     ("turning.yaw_rate_radps", "FH_TURN_RATE", &["FH_YAWR_MAX"]),
-    ("rotating.rotation_max_s", "the longest rotation", &[]),
     ("fence.radius_m", "FH_FENCE_R", &[]),
     ("fence.margin_m", "FH_FENCE_MRG", &["FH_FENCE_R"]),
     ("explore.limit_s", "FH_SRCH_TIME", &[]),

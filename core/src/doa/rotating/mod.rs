@@ -43,35 +43,26 @@ const POWER_MAX_DB: f32 = 300.0;
 const YAW_MAX_RAD: f32 = 1e3;
 /// Largest turn from reading to reading.
 const LEAP_MAX_RAD: f32 = core::f32::consts::FRAC_PI_2;
+/// Power of silence: lower readings, or no packet at all, are replaced by it.
+const SILENCE_DB: f32 = -110.0;
+/// A rotation that takes longer is discarded.
+pub(crate) const ROTATION_MAX_S: f32 = 20.0;
 
 /// Configuration of the seeking.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// Where the antenna points, from the nose, clockwise positive.
-    pub boresight_rad: f32,
     /// The antenna's pattern.
     pub pattern: pattern::Config,
     /// `a` of eq. 1, a reading.
     pub memory: f32,
-    /// Power of silence: lower readings, or no packet at all, are replaced by it.
-    pub silence_db: f32,
     /// Standard deviation of a bearing that no averaging removes: magnetometer, pattern, frame.
     pub sigma_min_rad: f32,
-    /// A rotation that takes longer is discarded.
-    pub rotation_max_s: f32,
 }
 
 impl Default for Config {
     fn default() -> Self {
-        Self {
-            boresight_rad: 0.0,
-            pattern: pattern::Config::default(),
-            memory: 0.7,
-            silence_db: -110.0,
-            sigma_min_rad: 2.0 / 57.295_78,
-            rotation_max_s: 20.0,
-        }
+        Self { pattern: pattern::Config::default(), memory: 0.7, sigma_min_rad: 2.0 / 57.295_78 }
     }
 }
 
@@ -81,11 +72,8 @@ impl Config {
     /// # Errors
     /// The field that is out of range.
     pub fn build(&self) -> Result<Seeker, ConfigError> {
-        check("rotating.boresight_rad", self.boresight_rad, -6.3, 6.3)?;
         check("rotating.memory", self.memory, 0.0, 0.99)?;
-        check("rotating.silence_db", self.silence_db, -POWER_MAX_DB, POWER_MAX_DB)?;
         check("rotating.sigma_min_rad", self.sigma_min_rad, 1e-3, 1.0)?;
-        check("rotating.rotation_max_s", self.rotation_max_s, 0.05, 120.0)?;
         let pattern = self.pattern.build()?;
         let log_memory = if self.memory > 0.0 { libm::logf(self.memory) } else { -100.0 };
         Ok(Seeker { config: *self, pattern, log_memory })
@@ -131,7 +119,7 @@ pub enum Outcome {
     NoSignal,
     /// Too few readings for this turn rate: too many bins in a row had none.
     Sparse,
-    /// The antenna does not complete a turn in [`Config::rotation_max_s`], or its yaw jumps.
+    /// The antenna does not complete a turn in 20 s, or its yaw jumps.
     NotTurning,
 }
 
@@ -188,7 +176,7 @@ impl Rotation {
 }
 
 impl Seeker {
-    /// Takes a reading and the vehicle's yaw at that time; returns the result of a rotation that ends with it.
+    /// Takes a reading and the antenna's yaw at that time; returns the result of a rotation that ends with it.
     ///
     /// Readings that are NaN are ignored, as are those whose yaw is NaN.
     pub fn step(&self, state: &mut State, time: Instant, yaw_rad: f32, power_db: f32) -> Option<Outcome> {
@@ -196,11 +184,10 @@ impl Seeker {
             return None;
         }
         if power_db <= POWER_MAX_DB {
-            let silence_db = self.config.silence_db;
-            let power_db = if power_db > silence_db { power_db } else { silence_db };
-            state.bins.add(yaw_rad + self.config.boresight_rad, power_db, self.config.memory);
+            let power_db = if power_db > SILENCE_DB { power_db } else { SILENCE_DB };
+            state.bins.add(yaw_rad, power_db, self.config.memory);
         }
-        match state.turn.step(time, yaw_rad, LEAP_MAX_RAD, self.config.rotation_max_s) {
+        match state.turn.step(time, yaw_rad, LEAP_MAX_RAD, ROTATION_MAX_S) {
             Turned::Partly => None,
             Turned::TooSlow | Turned::Leapt => {
                 state.bins = Bins::new();
