@@ -194,8 +194,8 @@ impl Seeker {
     fn new(sigma_rad: f64, climbs: bool) -> Result<Self, ConfigError> {
         let polar =
             polar::Config { inverse_range_per_m: 0.05, inverse_range_sigma_per_m: 0.08, ..bank::Config::DEFAULT.polar };
-        let bank = bank::Config { polar, slack_m: 0.2, ..bank::Config::DEFAULT }.build()?;
-        let extractor = walls::Config { length_min_m: 0.8, gap_m: 0.6, ..walls::Config::default() };
+        let bank = bank::Config { polar, slack_m: 0.2 }.build()?;
+        let extractor = walls::Config { length_min_m: 0.8, gap_m: 0.6 };
         Ok(Self {
             climbs,
             bank,
