@@ -112,8 +112,8 @@ fn a_setup_fits_its_block_and_comes_back() {
 #[test]
 fn a_refusal_is_text_and_a_long_one_is_cut_at_a_character() {
     let mut block = [0; BLOCK_BYTES];
-    encode_refusal(&mut block, format_args!("{} = {}", "planner.lambda", -1));
-    assert_eq!(decode_refusal(&block), Ok("planner.lambda = -1"));
+    encode_refusal(&mut block, format_args!("{} = {}", "planner.margin_m", -1));
+    assert_eq!(decode_refusal(&block), Ok("planner.margin_m = -1"));
     let long = ["\u{20ac}"; 2000].concat();
     encode_refusal(&mut block, format_args!("{long}"));
     let cut = decode_refusal(&block).unwrap();

@@ -119,7 +119,7 @@ pub enum Outcome {
     NoSignal,
     /// Too few readings for this turn rate: too many bins in a row had none.
     Sparse,
-    /// The antenna does not complete a turn in 20 s, or its yaw jumps.
+    /// The antenna does not complete a turn in `ROTATION_MAX_S`, or its yaw jumps.
     NotTurning,
 }
 
