@@ -72,10 +72,15 @@ impl Covered<'_> {
                 self.note(index, is_round);
             }
         }
-        self.is_face |= covers(self.face_m);
+        self.is_face = self.is_face || covers(self.face_m);
         if self.beside_m != 0.0 {
             self.mark_beside(known, center_m);
         }
+    }
+
+    /// Whether circles cover all of a patch.
+    fn is_whole(&self) -> bool {
+        self.is_face && self.all.has_first(self.points_m.len())
     }
 
     fn note(&mut self, index: usize, is_round: bool) {
@@ -112,7 +117,7 @@ impl Covered<'_> {
                 self.note(index, known.is_round());
             }
         }
-        self.is_face |= self.sides.first().is_some_and(|side| covers(self.face_m, *side));
+        self.is_face = self.is_face || self.sides.first().is_some_and(|side| covers(self.face_m, *side));
     }
 }
 
@@ -184,7 +189,8 @@ impl Map {
             sides: segmentation.sides.get(usize::from(seen.from)..usize::from(seen.to)).unwrap_or_default(),
             all: Bits::default(),
             by_round: Bits::default(),
-            is_face: false,
+            // The face of a single hit is the hit itself.
+            is_face: seen.to <= seen.from + 1,
         };
         let beyond_m = seen.radius_m + if COVER_M + OUT_M > GATE_M { COVER_M + OUT_M } else { GATE_M };
         // Pillars that it may match, and the nearest of them.
@@ -216,6 +222,9 @@ impl Map {
                 }
             }
             covered.mark(known, away);
+            if seen.kind == Kind::Patch && covered.is_whole() {
+                break;
+            }
         }
         if let Some((at, _)) = nearest
             && let Some(known) = self.known.get_mut(at)
@@ -239,8 +248,7 @@ impl Map {
             // shift a pillar off the hits of a neighbour.
             Kind::Pillar if nearest.is_none() => covered.by_round.has_first(count),
             Kind::Pillar => covered.all.has_first(count),
-            // The face of a single hit is the hit itself.
-            Kind::Patch => covered.all.has_first(count) && (covered.is_face || seen.to <= seen.from + 1),
+            Kind::Patch => covered.is_whole(),
         };
         if !is_covered && let Some(known) = known_of(now, seen) {
             self.add(index, known);
