@@ -203,7 +203,7 @@ fn fitting(board: &str, parts: Parts) -> Result<Image, Failure> {
     let size = image.size()?;
     // The design has half of the flash of the NUCLEO-G474RE for the product, 256 KB, and that is not kept (README, limits). The
     // twin carries the simulator's side as well; all others must only fit.
-    let flash_bytes = if board == board::NUCLEO { 368 << 10 } else { FLASH_BYTES };
+    let flash_bytes = if board == board::NUCLEO { 360 << 10 } else { FLASH_BYTES };
     // The twin has the pad detector and the reader of IQ reports at once.
     let ram_bytes = if board == board::TWIN { RAM_BYTES + (3 << 10) } else { RAM_BYTES };
     let name = parts.name(board);
