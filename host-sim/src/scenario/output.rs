@@ -31,25 +31,10 @@ impl Output {
     }
 
     fn begin(path: &Path) -> io::Result<Self> {
-        if let Some(folder) = folder_of(path) {
-            fs::create_dir_all(folder)?;
-        }
-        let there = match fs::metadata(path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
-            metadata => Some(metadata?),
+        let Place { target, there } = match place(path)? {
+            Ok(place) => place,
+            Err(device) => return Ok(Self { path: path.to_owned(), file: BufWriter::new(device), moves: None }),
         };
-        if there.as_ref().is_some_and(fs::Metadata::is_dir) {
-            return Err(io::ErrorKind::IsADirectory.into());
-        }
-        if there.as_ref().is_some_and(|there| !there.is_file()) {
-            let file = File::options().write(true).open(path)?;
-            return Ok(Self { path: path.to_owned(), file: BufWriter::new(file), moves: None });
-        }
-        // The target of a symbolic link is replaced, not the link; a read-only file is refused.
-        let target = if there.is_some() { fs::canonicalize(path)? } else { path.to_owned() };
-        if there.is_some() {
-            File::options().append(true).open(&target)?;
-        }
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let count = COUNT.fetch_add(1, Ordering::Relaxed);
         let mut name = target.file_name().map_or_else(OsString::new, OsString::from);
@@ -121,12 +106,56 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), InputError> {
     output.finish()
 }
 
-/// Checks before the work that its result can be written.
+/// Checks before the work that its result can be written. It makes no file: a program that is killed meanwhile leaves none.
 ///
 /// # Errors
 /// Names the file.
 pub fn check_writable(path: &Path) -> Result<(), InputError> {
-    Output::create(path).map(drop)
+    let checked = place(path).and_then(|place| match place {
+        Ok(Place { target, .. }) => may_write(folder_of(&target).unwrap_or(Path::new("."))),
+        Err(_) => Ok(()),
+    });
+    checked.map_err(|error| failed(path, &error))
+}
+
+#[cfg(unix)]
+fn may_write(folder: &Path) -> io::Result<()> {
+    use rustix::fs::{Access, access};
+    Ok(access(folder, Access::WRITE_OK | Access::EXEC_OK)?)
+}
+
+/// Elsewhere only the attempt tells.
+#[cfg(not(unix))]
+fn may_write(_: &Path) -> io::Result<()> {
+    Ok(())
+}
+
+/// Where a file goes, and what is there now.
+struct Place {
+    target: PathBuf,
+    there: Option<fs::Metadata>,
+}
+
+/// The place of a file, whose folder is created if necessary; or the device of that name, opened.
+fn place(path: &Path) -> io::Result<Result<Place, File>> {
+    if let Some(folder) = folder_of(path) {
+        fs::create_dir_all(folder)?;
+    }
+    let there = match fs::metadata(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+        metadata => Some(metadata?),
+    };
+    let Some(there) = there else { return Ok(Ok(Place { target: path.to_owned(), there: None })) };
+    if there.is_dir() {
+        return Err(io::ErrorKind::IsADirectory.into());
+    }
+    if !there.is_file() {
+        return Ok(Err(File::options().write(true).open(path)?));
+    }
+    // The target of a symbolic link is replaced, not the link; a read-only file is refused.
+    let target = fs::canonicalize(path)?;
+    File::options().append(true).open(&target)?;
+    Ok(Ok(Place { target, there: Some(there) }))
 }
 
 /// The error for a file; a full disk is reported as "no space left".
@@ -196,6 +225,17 @@ mod tests {
         assert_eq!((fs::read(&path).unwrap(), names(&folder)), (b"old".to_vec(), vec!["a.txt".to_owned()]));
         write(&path, b"new").unwrap();
         assert_eq!((fs::read(&path).unwrap(), names(&folder)), (b"new".to_vec(), vec!["a.txt".to_owned()]));
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn to_check_whether_a_file_can_be_written_makes_none_and_refuses_what_cannot() {
+        let folder = folder("check");
+        check_writable(&folder.join("deeper/a.txt")).unwrap();
+        assert_eq!((names(&folder), names(&folder.join("deeper"))), (vec!["deeper".to_owned()], vec![]));
+        assert!(check_writable(&folder).unwrap_err().to_string().contains("irectory"));
+        fs::write(folder.join("file"), "").unwrap();
+        assert!(check_writable(&folder.join("file/a.txt")).is_err());
         fs::remove_dir_all(folder).unwrap();
     }
 
