@@ -421,12 +421,12 @@ fn a_landing_is_in_the_report_with_its_heights_stages_pictures_and_the_guards_re
     }
 }
 
-/// Has a browser look at a page.
-fn look_at(page: &str) {
+/// Has a browser look at a page; with `--briefly` without its controls, which are the same for every flight.
+fn look_at(page: &str, more: &[&str]) {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("flight.html");
+    let path = text(&folder.path().join("flight.html"));
     std::fs::write(&path, page).unwrap();
-    let said = checked_by("report_page.py", &[path]);
+    let said = checked_by("report_page.py", &[&[path.as_str()], more].concat());
     said.lines().filter(|line| line.contains("first picture")).for_each(|line| println!("{line}"));
 }
 
@@ -435,7 +435,7 @@ fn look_at(page: &str) {
 #[ignore = "needs a browser: cargo xtask test"]
 fn a_browser_shows_the_page_moves_through_it_and_asks_nobody() {
     let _machine = take_machine();
-    look_at(&Flown::with(&[]).page);
+    look_at(&Flown::with(&[]).page, &[]);
 }
 
 /// A browser shows a landing and a long flight, which it moves through as fluently.
@@ -443,8 +443,8 @@ fn a_browser_shows_the_page_moves_through_it_and_asks_nobody() {
 #[ignore = "needs a browser: cargo xtask test"]
 fn a_browser_shows_a_landing_and_a_long_flight() {
     let _machine = take_machine();
-    look_at(&Flown::landing().page);
-    look_at(&flown_for(330.0).page);
+    look_at(&Flown::landing().page, &["--briefly"]);
+    look_at(&flown_for(330.0).page, &["--briefly"]);
 }
 
 /// A flight that fails, in a scenario whose name is HTML, is shown correctly and its markup is not executed.
@@ -456,5 +456,5 @@ fn a_flight_that_goes_wrong_under_a_name_that_is_markup_is_shown_as_well() {
         "obstacles":[{"x":3,"y":3,"r":0.4,"vx":0.1,"vy":-0.1}],"max_time_s":9}"#;
     let flown = Flown::of(scenario);
     assert_eq!((&flown.printed["result"], &flown.printed["reason"]), (&"hold".into(), &"no_signal".into()));
-    look_at(&flown.page);
+    look_at(&flown.page, &["--briefly"]);
 }

@@ -1,9 +1,10 @@
 """Opens a flight's report in Chromium and uses it, with mouse and keys, on a desk and on a phone.
 
 Usage: report_page.py FLIGHT.html
+       report_page.py FLIGHT.html --briefly
        report_page.py FLIGHT.html --screenshot PICTURE.png
 
-The second makes the picture of the manual:
+The second leaves out the controls and looks, which are the same for every flight. The third makes the picture of the manual:
     cargo run --release -- fly --report out/flight.html
     target/venv/bin/python tests/peers/report_page.py out/flight.html --screenshot docs/report.png
 """
@@ -423,47 +424,68 @@ def is_legible(page, theme):
         check(apart[nearest] > APART, f"{theme}, {kind}: the nearest colours, {nearest}, are {apart[nearest]:.0f} apart")
 
 
-def use(browser):
+def use(browser, is_brief):
     page = opened(browser, viewport=DESK)
     is_fluent(page)
     if begin["scenario"].get("landing"):
         check(page.locator("#section").is_visible(), "with a landing it opens with the section")
-    has_names(page)
-    use_slider(page)
-    use_keys(page)
     holds_what_was_flown(page)
-    use_potential(page)
-    use_map(page)
-    use_tabs(page)
-    use_space(page)
     use_signal(page)
     use_section(page)
     use_bands(page)
     use_events(page)
+    fits(page, DESK["width"])
+    if not is_brief:
+        use_controls(opened(browser, viewport=DESK))
+        looks_as_it_should(page)
+        takes_records_one_by_one(page)
+        for size in PHONES:
+            use_phone(browser, size)
+        plays_calmly(browser)
+    check(not troubles, f"no error on the console {troubles}")
+    others = [url for url in requests if url != path.as_uri() and not url.startswith("data:")]
+    others = [url for url in others if not url.startswith(path.as_uri() + "#")]
+    check(not others, f"no request but the page {others}")
+
+
+def use_controls(page):
+    has_names(page)
+    use_slider(page)
+    use_keys(page)
+    use_potential(page)
+    use_map(page)
+    use_tabs(page)
+    use_space(page)
     is_named(page)
+
+
+def looks_as_it_should(page):
     is_legible(page, "light")
     light = page.evaluate("getComputedStyle(document.body).backgroundColor")
-    fits(page, DESK["width"])
     page.emulate_media(color_scheme="dark")
     is_legible(page, "dark")
     dark = page.evaluate("getComputedStyle(document.body).backgroundColor")
     check(sum(luma(dark)) < 0.3 * sum(luma(light)), f"the ground goes from {light} to {dark}")
-    takes_records_one_by_one(page)
-    for size in PHONES:
-        phone = opened(browser, viewport=size, device_scale_factor=2, is_mobile=True, has_touch=True, color_scheme="dark")
-        is_legible(phone, "dark")
+
+
+def use_phone(browser, size):
+    phone = opened(browser, viewport=size, device_scale_factor=2, is_mobile=True, has_touch=True, color_scheme="dark")
+    is_legible(phone, "dark")
+    fits(phone, size["width"])
+    for tab in ("space", "signal", "section", "map", "field"):
+        phone.evaluate(f"showTab('{tab}')")
+        settle(phone)
         fits(phone, size["width"])
-        for tab in ("space", "signal", "section", "map", "field"):
-            phone.evaluate(f"showTab('{tab}')")
-            settle(phone)
-            fits(phone, size["width"])
-        phone.locator("#play").tap()
-        for _ in range(100):
-            phone.wait_for_timeout(300)
-            if at(phone) > 0:
-                break
-        phone.locator("#play").tap()
-        check(0 < at(phone) < len(steps) - 1, "a tap plays")
+    phone.locator("#play").tap()
+    for _ in range(100):
+        phone.wait_for_timeout(300)
+        if at(phone) > 0:
+            break
+    phone.locator("#play").tap()
+    check(0 < at(phone) < len(steps) - 1, "a tap plays")
+
+
+def plays_calmly(browser):
     still = opened(browser, viewport=DESK, reduced_motion="reduce")
     seen = still.evaluate("""async () => {
         const seen = new Set();
@@ -477,10 +499,6 @@ def use(browser):
         return seen.size;
     }""")
     check(2 <= seen <= 6, f"where little motion is wanted playing shows {seen} pictures in a second")
-    check(not troubles, f"no error on the console {troubles}")
-    others = [url for url in requests if url != path.as_uri() and not url.startswith("data:")]
-    others = [url for url in others if not url.startswith(path.as_uri() + "#")]
-    check(not others, f"no request but the page {others}")
 
 
 def picture(browser, target):
@@ -498,9 +516,9 @@ def picture(browser, target):
 
 with sync_playwright() as play:
     browser = chromium(play, *FLAGS)
-    if len(sys.argv) > 2:
+    if "--screenshot" in sys.argv:
         picture(browser, sys.argv[3])
     else:
-        use(browser)
+        use(browser, "--briefly" in sys.argv)
         print("all checks passed")
     browser.close()
