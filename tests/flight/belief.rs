@@ -105,8 +105,8 @@ fn in_line_of_sight_the_belief_errs_as_much_as_it_says() {
         ("forest, 20 dB", forest, &good, 1.25, 0.2),
         ("forest, sigma 5 deg", forest, &poor, 1.25, 0.8),
         ("forest, two of five from anywhere", forest, &outliers, 2.0, 1.0),
-        ("corridor", "tests/scenarios/corridor.json", &as_it_is, 12.0, 2.0),
-        ("around the corner", "scenarios/around_the_corner.json", &as_it_is, 75.0, 2.0),
+        ("corridor", "tests/scenarios/corridor.json", &as_it_is, 3.0, 2.0),
+        ("around the corner", "scenarios/around_the_corner.json", &as_it_is, 25.0, 2.0),
     ];
     let mut broken = Vec::new();
     for (name, file, over, mean_max, error_max_m) in rows {

@@ -183,10 +183,12 @@ impl State {
         self.average.updated()
     }
 
-    /// The estimated position of a source that is received directly, as uncertain as the innovations say.
+    /// The estimated position of a source that is received directly, as uncertain as the innovations say; `None` while
+    /// the link is probably reflected, though the filters know of no line that reflects it.
     #[must_use]
     pub fn direct(&self) -> Option<Estimate> {
-        self.answer.filter(|answer| answer.path == Path::Direct).map(|answer| answer.estimate.scaled(answer.nis))
+        let answer = self.answer.filter(|answer| answer.path == Path::Direct && !self.is_reflected())?;
+        Some(answer.estimate.scaled(answer.nis))
     }
 
     /// The direction of the origin of a reflected signal, from a place; `None` for a direct one.
