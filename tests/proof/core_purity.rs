@@ -1,4 +1,5 @@
-//! The core, the papers' systems and the pad's detector use no standard library and no heap.
+//! The core, the papers' systems and the pad's detector use no standard library and no heap, and the simulated world none of its
+//! mathematics.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -59,11 +60,9 @@ fn papers_and_pad_depend_on_the_core_and_on_nothing_that_it_does_not() {
     }
 }
 
-/// The code of core, papers and pad uses neither `alloc` nor `std`, except in tests.
-#[test]
-fn core_papers_and_pad_name_neither_alloc_nor_std_outside_of_tests() {
-    let crates = ["core/src", "papers/src", "pad/src"];
-    let files: Vec<PathBuf> = crates.iter().flat_map(|folder| files(&root().join(folder), "rs")).collect();
+/// The lines of the code in these folders, without comments and tests; each with its file and number.
+fn code_outside_of_tests(folders: &[&str]) -> Vec<(String, String)> {
+    let files: Vec<PathBuf> = folders.iter().flat_map(|folder| files(&root().join(folder), "rs")).collect();
     assert!(files.len() > 20);
     // Files that are a module of their own, there for tests only: `#[cfg(test)] mod scenes;` in the same folder or in
     // that of the file's name.
@@ -78,12 +77,14 @@ fn core_papers_and_pad_name_neither_alloc_nor_std_outside_of_tests() {
                 tests_only.insert(file.with_file_name(name));
                 tests_only.insert(file.with_file_name(format!("{name}.rs")));
                 tests_only.insert(file.with_extension("").join(format!("{name}.rs")));
+                tests_only.insert(file.with_extension("").join(name));
             }
             if !lines.any(|line| line == "#[cfg(test)]") {
                 break;
             }
         }
     }
+    let mut code = Vec::new();
     for file in files.into_iter().filter(|file| !file.ancestors().any(|part| tests_only.contains(part))) {
         let text = std::fs::read_to_string(&file).unwrap();
         let lines: Vec<&str> = text.lines().collect();
@@ -94,10 +95,35 @@ fn core_papers_and_pad_name_neither_alloc_nor_std_outside_of_tests() {
         };
         let end = (0..lines.len()).find(|at| opens_tests(*at)).unwrap_or(lines.len());
         for (number, line) in lines[..end].iter().enumerate() {
-            let code = line.split("//").next().unwrap();
-            let tests_only = number > 0 && lines[number - 1] == "#[cfg(test)]";
-            let named = ["alloc::", "extern crate alloc", "std::", "extern crate std"].iter().any(|n| code.contains(n));
-            assert!(!named || tests_only, "{}:{}: {line}", file.display(), number + 1);
+            if number == 0 || lines[number - 1] != "#[cfg(test)]" {
+                let place = format!("{}:{}: {line}", file.display(), number + 1);
+                code.push((place, line.split("//").next().unwrap().to_owned()));
+            }
         }
+    }
+    code
+}
+
+/// The code of core, papers and pad uses neither `alloc` nor `std`, except in tests.
+#[test]
+fn core_papers_and_pad_name_neither_alloc_nor_std_outside_of_tests() {
+    for (place, code) in code_outside_of_tests(&["core/src", "papers/src", "pad/src"]) {
+        let named =
+            ["alloc::", "extern crate alloc", "std::", "extern crate std"].iter().any(|name| code.contains(name));
+        assert!(!named, "{place}");
+    }
+}
+
+/// The simulated world has its sines and powers from `libm`: those of the standard library are the system's, and differ from one to
+/// the next.
+#[test]
+fn a_flight_is_the_same_on_every_system_since_the_world_asks_none_for_a_sine() {
+    let systems =
+        ["sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sin_cos", "sinh", "cosh", "tanh", "exp", "exp2"];
+    let more = ["exp_m1", "ln", "ln_1p", "log", "log2", "log10", "powf", "hypot", "cbrt"];
+    let folders = ["autopilot", "drive", "scenario", "world"].map(|folder| format!("host-sim/src/{folder}"));
+    for (place, code) in code_outside_of_tests(&folders.each_ref().map(String::as_str)) {
+        let asks = |name| [".", "f32::", "f64::"].iter().any(|of| code.contains(&format!("{of}{name}(")));
+        assert!(!systems.iter().chain(&more).any(asks), "{place}");
     }
 }

@@ -245,8 +245,8 @@ impl View {
             ];
             Thing {
                 shape: shapes[between(0.0, shapes.len() as f32 - 0.01) as usize],
-                north_m: north + far_m * turn.cos(),
-                east_m: east + far_m * turn.sin(),
+                north_m: north + far_m * libm::cosf(turn),
+                east_m: east + far_m * libm::sinf(turn),
                 radius_m: between(0.12, 0.35),
                 turn_rad: between(0.0, TAU),
                 colour: camera::PAD_RED,
@@ -264,7 +264,7 @@ impl View {
         let shadow = Shadow {
             north_m: north + between(-0.5, 0.5),
             east_m: east + between(-0.5, 0.5),
-            turn_rad: between(0.0, TAU),
+            into: camera::direction(between(0.0, TAU)),
             width_m: between(0.5, 4.0),
             left: between(0.3, 0.7),
         };

@@ -30,9 +30,9 @@ pub fn report(array: &Array, handle: u8, azimuth_rad: f64, offset_hz: f64) -> Ve
         (0..usize::from(SLOTS)).map(|s| (usize::from(pattern[s % pattern.len()]) - 1, 15e-6 + slot_s * s as f64));
     for (antenna, time_s) in reference.chain(slots) {
         let [forward, right] = array.beam.antennas_m[antenna].map(f64::from);
-        let ahead_m = forward * azimuth_rad.cos() + right * azimuth_rad.sin();
+        let ahead_m = forward * libm::cos(azimuth_rad) + right * libm::sin(azimuth_rad);
         let tone_hz = f64::from(array.switch.tone_hz) + offset_hz;
-        let (im, re) = (TAU * (ahead_m / f64::from(array.beam.wavelength_m) + tone_hz * time_s)).sin_cos();
+        let (im, re) = libm::sincos(TAU * (ahead_m / f64::from(array.beam.wavelength_m) + tone_hz * time_s));
         packet.extend([re, im].map(|part| (AMPLITUDE * part) as i8 as u8));
     }
     packet

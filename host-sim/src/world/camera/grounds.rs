@@ -8,7 +8,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-use super::light::{Colour, Lighting};
+use super::light::{Colour, Lighting, linear};
 use super::picture::{Picture, part};
 use super::random::Draw;
 use super::{Camera, Frame, PAD_RED, Size, Truth, sensor};
@@ -141,11 +141,6 @@ impl Grounds {
     }
 }
 
-/// The reverse of the sensor's curve.
-fn linear(value: f32) -> f32 {
-    if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
-}
-
 fn brightness(colour: &Colour) -> f32 {
     0.2126 * colour[0] + 0.7152 * colour[1] + 0.0722 * colour[2]
 }
@@ -175,7 +170,7 @@ fn paste(draw: &mut Draw, image: &mut [Colour], disc: &Disc, camera: &Camera, he
     let (x, y) =
         (draw.between(reach, width - reach), draw.between(reach.min(0.5 * height), (height - reach).max(0.5 * height)));
     let outline = outline(draw, disc.uneven);
-    let (sine, cosine) = draw.turn().sin_cos();
+    let (sine, cosine) = libm::sincosf(draw.turn());
     let paint = draw.vary(PAD_RED, 0.25);
     let mean = mean_of(image);
     // The ground reflects about a fifth.
@@ -185,7 +180,7 @@ fn paste(draw: &mut Draw, image: &mut [Colour], disc: &Disc, camera: &Camera, he
     let is_inside = |px: f32, py: f32| {
         let (dx, dy) = (px - x, py - y);
         let (along, across) = (dx * cosine + dy * sine, (dy * cosine - dx * sine) / disc.axes);
-        let turn = across.atan2(along).rem_euclid(std::f32::consts::TAU) / std::f32::consts::TAU;
+        let turn = libm::atan2f(across, along).rem_euclid(std::f32::consts::TAU) / std::f32::consts::TAU;
         let far = outline[((turn * DIRECTIONS as f32) as usize).min(DIRECTIONS - 1)] * radius_px;
         along * along + across * across < far * far
     };
@@ -214,7 +209,7 @@ fn outline(draw: &mut Draw, uneven: f32) -> Vec<f32> {
     let scale = uneven / square.sqrt().max(1e-6);
     let radius = |at: usize| {
         let turn = (at as f32 + 0.5) / DIRECTIONS as f32 * std::f32::consts::TAU;
-        1.0 + waves.iter().map(|[order, size, phase]| scale * size * (order * turn + phase).cos()).sum::<f32>()
+        1.0 + waves.iter().map(|[order, size, phase]| scale * size * libm::cosf(order * turn + phase)).sum::<f32>()
     };
     (0..DIRECTIONS).map(radius).collect()
 }

@@ -10,12 +10,24 @@ pub struct Shadow {
     pub north_m: f32,
     /// A point on its edge.
     pub east_m: f32,
-    /// The direction into the dark.
-    pub turn_rad: f32,
+    /// The direction into the dark, north and east: [`direction`].
+    pub into: [f32; 2],
     /// Its width; the ground behind it is lit again.
     pub width_m: f32,
     /// The remaining share of the light.
     pub left: f32,
+}
+
+/// The light of a value on the curve of sRGB.
+pub(super) fn linear(value: f32) -> f32 {
+    if value <= 0.040_45 { value / 12.92 } else { libm::powf((value + 0.055) / 1.055, 2.4) }
+}
+
+/// The unit vector of a direction clockwise from north: north and east.
+#[must_use]
+pub fn direction(turn_rad: f32) -> [f32; 2] {
+    let (east, north) = libm::sincosf(turn_rad);
+    [north, east]
 }
 
 /// The light and the effects of lens and sensor.
@@ -66,7 +78,7 @@ impl Default for Lighting {
 /// A lamp's red, green and blue relative to daylight of 6500 K, linear, green 1: Planck's law at 600, 540 and 450 nm.
 #[must_use]
 pub fn lamp(kelvin: f32) -> Colour {
-    let planck = |nanometres: f32, kelvin: f32| 1.0 / ((14_387_770.0 / (nanometres * kelvin)).exp() - 1.0);
+    let planck = |nanometres: f32, kelvin: f32| 1.0 / (libm::expf(14_387_770.0 / (nanometres * kelvin)) - 1.0);
     let beside = |nanometres: f32| planck(nanometres, kelvin) / planck(nanometres, 6500.0);
     let green = beside(540.0);
     [beside(600.0) / green, 1.0, beside(450.0) / green]

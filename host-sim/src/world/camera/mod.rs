@@ -19,7 +19,7 @@ use std::f32::consts::TAU;
 pub use foxhound_pad::Camera;
 pub use frame::{Frame, Size};
 pub use ground::Ground;
-pub use light::{Colour, Lighting, Shadow, lamp};
+pub use light::{Colour, Lighting, Shadow, direction, lamp};
 
 /// The red of a pad: a matt paint.
 pub const PAD_RED: Colour = [0.52, 0.06, 0.05];
@@ -71,7 +71,7 @@ impl Thing {
         if square > reach_m * reach_m {
             return 0.0;
         }
-        let (sine, cosine) = self.turn_rad.sin_cos();
+        let (sine, cosine) = libm::sincosf(self.turn_rad);
         let along = (dn * cosine + de * sine) / self.radius_m;
         let across = (de * cosine - dn * sine) / self.radius_m;
         let radius = square.sqrt() / self.radius_m;
@@ -80,12 +80,12 @@ impl Thing {
             Shape::Rectangle(long) => across.abs() < 1.0 && along.abs() < long,
             Shape::Triangle => along > -0.5 && (along - 1.0) < -across.abs() * 3.0_f32.sqrt(),
             Shape::Ring(hole) => radius < 1.0 && radius > hole,
-            Shape::Sector(part) => radius < 1.0 && across.atan2(along).rem_euclid(TAU) < part * TAU,
+            Shape::Sector(part) => radius < 1.0 && libm::atan2f(across, along).rem_euclid(TAU) < part * TAU,
             Shape::Leaf(long) => {
                 let bent = (along / long).abs();
                 across.abs() < 1.0 - bent * bent
             }
-            Shape::Glow => return (-3.0 * radius * radius).exp(),
+            Shape::Glow => return libm::expf(-3.0 * radius * radius),
         };
         f32::from(u8::from(is_in))
     }
@@ -149,7 +149,7 @@ impl Pose {
     /// The body's forward, right and down axes in north, east, down.
     fn axes(&self) -> [[f32; 3]; 3] {
         let ((sr, cr), (sp, cp), (sy, cy)) =
-            (self.roll_rad.sin_cos(), self.pitch_rad.sin_cos(), self.yaw_rad.sin_cos());
+            (libm::sincosf(self.roll_rad), libm::sincosf(self.pitch_rad), libm::sincosf(self.yaw_rad));
         [
             [cp * cy, cp * sy, -sp],
             [sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp],
@@ -217,8 +217,7 @@ pub fn render(scene: &Scene, camera: &Camera, pose: &Pose, lighting: &Lighting, 
 fn lit(shadows: &[Shadow], north_m: f32, east_m: f32) -> f32 {
     let mut lit = 1.0_f32;
     for shadow in shadows {
-        let (sine, cosine) = shadow.turn_rad.sin_cos();
-        let into_m = (north_m - shadow.north_m) * cosine + (east_m - shadow.east_m) * sine;
+        let into_m = (north_m - shadow.north_m) * shadow.into[0] + (east_m - shadow.east_m) * shadow.into[1];
         if into_m > 0.0 && into_m < shadow.width_m {
             lit = lit.min(shadow.left);
         }
@@ -283,7 +282,10 @@ pub fn truth(scene: &Scene, camera: &Camera, pose: &Pose, size: Size) -> Option<
         // Evenly over the disc (sunflower seeds), and round its edge.
         let turn = spot as f32 * 2.399_963;
         let at = |part: f32| {
-            (target.north_m + part * target.radius_m * turn.cos(), target.east_m + part * target.radius_m * turn.sin())
+            (
+                target.north_m + part * target.radius_m * libm::cosf(turn),
+                target.east_m + part * target.radius_m * libm::sinf(turn),
+            )
         };
         let (north_m, east_m) = at(1.0);
         let [_, edge, _] = pose.see(north_m, east_m);

@@ -170,7 +170,7 @@ pub fn mark(frame: &Frame, seen: Seen, focal_widths: f32) -> Picture {
             }
         };
         for step in 0..1440 {
-            let (sine, cosine) = (step as f32 * std::f32::consts::TAU / 1440.0).sin_cos();
+            let (sine, cosine) = libm::sincosf(step as f32 * std::f32::consts::TAU / 1440.0);
             dot(x + pad.radius * focal * cosine, y + pad.radius * focal * sine);
         }
         for away in -4..=4 {

@@ -3,8 +3,8 @@
 use std::f32::consts::{PI, TAU};
 
 use super::{
-    Camera, Colour, Frame, Ground, Lighting, PAD_RED, Pose, Scene, Shadow, Shape, Size, Target, Thing, Truth, lamp,
-    render, truth,
+    Camera, Colour, Frame, Ground, Lighting, PAD_RED, Pose, Scene, Shadow, Shape, Size, Target, Thing, Truth,
+    direction, lamp, render, truth,
 };
 use crate::world::random::Random;
 
@@ -75,7 +75,7 @@ impl Draw {
 
     /// Uniform in the logarithm.
     pub(super) fn scale(&mut self, low: f32, high: f32) -> f32 {
-        (self.between(low.ln(), high.ln())).exp()
+        libm::expf(self.between(libm::logf(low), libm::logf(high)))
     }
 
     pub(super) fn turn(&mut self) -> f32 {
@@ -96,8 +96,8 @@ pub fn shot(recipe: &Recipe, camera: &Camera, seed: u64) -> Shot {
     let (lean_rad, lean_to) = (recipe.lean_rad * (draw.0.uniform() as f32).sqrt(), draw.turn());
     let pose = Pose {
         height_m,
-        roll_rad: lean_rad * lean_to.cos(),
-        pitch_rad: lean_rad * lean_to.sin(),
+        roll_rad: lean_rad * libm::cosf(lean_to),
+        pitch_rad: lean_rad * libm::sinf(lean_to),
         yaw_rad: draw.turn(),
         ..Pose::default()
     };
@@ -164,8 +164,8 @@ fn cover(draw: &mut Draw, scene: &mut Scene, most: f32) {
         let colour = draw.vary(paint, 0.3);
         let thing = Thing {
             shape,
-            north_m: target.north_m + away * turn.cos(),
-            east_m: target.east_m + away * turn.sin(),
+            north_m: target.north_m + away * libm::cosf(turn),
+            east_m: target.east_m + away * libm::sinf(turn),
             radius_m,
             turn_rad: draw.turn(),
             colour,
@@ -226,7 +226,7 @@ fn clutter(draw: &mut Draw, scene: &mut Scene, height_m: f32, camera: &Camera, s
         push(scene, thing);
         if radius_m == 0.87 {
             // Its windows.
-            let (sine, cosine) = thing.turn_rad.sin_cos();
+            let (sine, cosine) = libm::sincosf(thing.turn_rad);
             for along_m in [0.6, -1.2] {
                 let window = Thing {
                     shape: Shape::Rectangle(0.35),
@@ -246,7 +246,7 @@ fn clutter(draw: &mut Draw, scene: &mut Scene, height_m: f32, camera: &Camera, s
 fn push(scene: &mut Scene, thing: Thing) {
     let is_under = matches!(thing.shape, Shape::Glow) || thing.colour[0] < 0.3;
     let is_clear = scene.target.is_none_or(|target| {
-        let apart_m = (thing.north_m - target.north_m).hypot(thing.east_m - target.east_m);
+        let apart_m = libm::hypotf(thing.north_m - target.north_m, thing.east_m - target.east_m);
         apart_m > 1.15 * thing.radius_m * thing.reach() + target.radius_m + 0.1
     });
     if is_under || is_clear {
@@ -258,7 +258,7 @@ fn lighting(draw: &mut Draw, scene: &Scene, height_m: f32) -> Lighting {
     let exposure = draw.scale(0.25, 2.5);
     // The camera balances a part of the lamp's colour.
     let left = draw.between(0.3, 1.0);
-    let gains = lamp(1.0 / draw.between(1.0 / 9000.0, 1.0 / 2700.0)).map(|gain| gain.powf(left));
+    let gains = lamp(1.0 / draw.between(1.0 / 9000.0, 1.0 / 2700.0)).map(|gain| libm::powf(gain, left));
     let brightness = 1.0 / (0.2126 * gains[0] + 0.7152 * gains[1] + 0.0722 * gains[2]);
     let mut lighting = Lighting {
         exposure,
@@ -289,7 +289,7 @@ fn lighting(draw: &mut Draw, scene: &Scene, height_m: f32) -> Lighting {
             lighting.shadows.push(Shadow {
                 north_m,
                 east_m,
-                turn_rad: draw.turn(),
+                into: direction(draw.turn()),
                 width_m: draw.scale(0.1, 20.0),
                 left: draw.between(0.2, 0.6),
             });

@@ -3,7 +3,7 @@
 use foxhound_pad::Format;
 
 use super::frame::{Frame, Size};
-use super::light::{Colour, Lighting};
+use super::light::{Colour, Lighting, linear};
 use crate::world::random::Random;
 
 /// Makes a frame from the light of each pixel.
@@ -20,6 +20,7 @@ pub(super) fn expose(image: &mut Vec<Colour>, lighting: &Lighting, size: Size, s
         mean = [0, 1, 2].map(|k| mean[k] + f64::from(pixel[k]) / (width * height) as f64);
     }
     let flare = mean.map(|mean| lighting.flare * mean as f32);
+    let [five_bits, six_bits, eight_bits] = [31, 63, 255].map(steps);
     let mut random = Random::new(seed, 41);
     let mut draws = vec![0.0; 3 * width];
     let mut bytes = Vec::with_capacity(2 * width * height);
@@ -46,15 +47,14 @@ pub(super) fn expose(image: &mut Vec<Colour>, lighting: &Lighting, size: Size, s
                     [1.0, 0.0, 0.0]
                 };
             }
-            // Half a step is added before the lower bits are cut off.
-            let coded = |value: f32, most: f32| (gamma(value) * most + 0.5) as u16;
             match size.format {
                 Format::Rgb565 => {
-                    let code = coded(value[0], 31.0) << 11 | coded(value[1], 63.0) << 5 | coded(value[2], 31.0);
+                    let [red, green, blue] = value;
+                    let code = coded(&five_bits, red) << 11 | coded(&six_bits, green) << 5 | coded(&five_bits, blue);
                     bytes.extend_from_slice(&code.to_le_bytes());
                 }
                 Format::Grey => {
-                    bytes.push(coded(0.2126 * value[0] + 0.7152 * value[1] + 0.0722 * value[2], 255.0) as u8);
+                    bytes.push(coded(&eight_bits, 0.2126 * value[0] + 0.7152 * value[1] + 0.0722 * value[2]) as u8);
                 }
             }
         }
@@ -62,16 +62,20 @@ pub(super) fn expose(image: &mut Vec<Colour>, lighting: &Lighting, size: Size, s
     Frame { size, bytes }
 }
 
-/// The sensor's curve, that of sRGB.
-fn gamma(value: f32) -> f32 {
-    if value <= 0.003_130_8 { 12.92 * value } else { 1.055 * value.powf(1.0 / 2.4) - 0.055 }
+/// The least light of each code above zero, rounded to the nearest on the sensor's curve, that of sRGB.
+fn steps(most: u16) -> Vec<f32> {
+    (1..=most).map(|code| linear((f32::from(code) - 0.5) / f32::from(most))).collect()
+}
+
+fn coded(steps: &[f32], light: f32) -> u16 {
+    steps.partition_point(|least| *least <= light) as u16
 }
 
 /// Blurs by a Gaussian.
 pub(super) fn blur(image: &mut [Colour], width: usize, height: usize, sigma_px: f32) {
     let reach = (2.5 * sigma_px).ceil().min(8.0) as isize;
     let mut weights: Vec<f32> =
-        (-reach..=reach).map(|at| (-0.5 * (at as f32 / sigma_px) * (at as f32 / sigma_px)).exp()).collect();
+        (-reach..=reach).map(|at| libm::expf(-0.5 * (at as f32 / sigma_px) * (at as f32 / sigma_px))).collect();
     let sum: f32 = weights.iter().sum();
     weights.iter_mut().for_each(|weight| *weight /= sum);
     let mut pass = |from: usize, step: usize, count: usize, line: &mut Vec<Colour>| {
