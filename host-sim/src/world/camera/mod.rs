@@ -90,6 +90,12 @@ impl Thing {
         f32::from(u8::from(is_in))
     }
 
+    /// Whether it covers anything within a distance of a point; true more often than it does.
+    fn may_cover(&self, north_m: f32, east_m: f32, within_m: f32) -> bool {
+        let reach_m = 1.001 * (self.radius_m * self.reach() + within_m);
+        (north_m - self.north_m).abs() <= reach_m && (east_m - self.east_m).abs() <= reach_m
+    }
+
     fn reach(&self) -> f32 {
         match self.shape {
             Shape::Rectangle(long) => (1.0 + long * long).sqrt(),
@@ -195,16 +201,22 @@ pub fn render(scene: &Scene, camera: &Camera, pose: &Pose, lighting: &Lighting, 
         let far = pose.height_m / down.max(0.02);
         (pose.north_m + north * far, pose.east_m + east * far, far)
     };
+    let objects = objects(scene);
+    let mut near = Vec::new();
     for (row, line) in image.chunks_mut(width).enumerate() {
         for (column, pixel) in line.iter_mut().enumerate() {
             let (x, y) = (column as f32, row as f32);
             let (north_m, east_m, far_m) = place(x + 0.5, y + 0.5);
+            let samples = SAMPLES.map(|[dx, dy]| place(x + dx, y + dy));
+            let off_m = |(n, e, _): &(f32, f32, f32)| (n - north_m).abs() + (e - east_m).abs();
+            let spread_m = samples.iter().map(off_m).fold(0.0, f32::max);
+            near.clear();
+            near.extend(objects.iter().filter(|thing| thing.may_cover(north_m, east_m, spread_m)));
             let ground = scene.ground.colour(north_m, east_m, far_m / focal_px, seed);
             let mut sum = [0.0; 3];
-            for [dx, dy] in SAMPLES {
-                let (north_m, east_m, _) = place(x + dx, y + dy);
+            for (north_m, east_m, _) in samples {
                 let lit = lit(&lighting.shadows, north_m, east_m);
-                let colour = surface(scene, ground, north_m, east_m);
+                let colour = surface(&near, ground, north_m, east_m);
                 sum = [0, 1, 2].map(|k| sum[k] + 0.25 * lit * colour[k]);
             }
             *pixel = sum;
@@ -225,16 +237,9 @@ fn lit(shadows: &[Shadow], north_m: f32, east_m: f32) -> f32 {
     lit
 }
 
-/// The colour of a point: the ground, or the objects on it.
-fn surface(scene: &Scene, ground: Colour, north_m: f32, east_m: f32) -> Colour {
-    let mut colour = ground;
-    let mut lay = |thing: &Thing| {
-        let cover = thing.cover(north_m, east_m);
-        if cover > 0.0 {
-            colour = [0, 1, 2].map(|k| colour[k] + cover * (thing.colour[k] - colour[k]));
-        }
-    };
-    scene.things.iter().for_each(&mut lay);
+/// All that lies on the ground, the lowest first.
+fn objects(scene: &Scene) -> Vec<Thing> {
+    let mut objects = scene.things.clone();
     if let Some(target) = &scene.target {
         let disc = |radius_m: f32, colour: Colour| Thing {
             shape: Shape::Disc,
@@ -245,11 +250,23 @@ fn surface(scene: &Scene, ground: Colour, north_m: f32, east_m: f32) -> Colour {
             colour,
         };
         if target.ring_m > 0.0 {
-            lay(&disc(target.radius_m + target.ring_m, WHITE));
+            objects.push(disc(target.radius_m + target.ring_m, WHITE));
         }
-        lay(&disc(target.radius_m, target.colour));
+        objects.push(disc(target.radius_m, target.colour));
     }
-    scene.covers.iter().for_each(&mut lay);
+    objects.extend_from_slice(&scene.covers);
+    objects
+}
+
+/// The colour of a point: the ground, or the objects on it.
+fn surface(objects: &[&Thing], ground: Colour, north_m: f32, east_m: f32) -> Colour {
+    let mut colour = ground;
+    for thing in objects {
+        let cover = thing.cover(north_m, east_m);
+        if cover > 0.0 {
+            colour = [0, 1, 2].map(|k| colour[k] + cover * (thing.colour[k] - colour[k]));
+        }
+    }
     colour
 }
 
