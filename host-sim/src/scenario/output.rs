@@ -31,9 +31,11 @@ impl Output {
     }
 
     fn begin(path: &Path) -> io::Result<Self> {
-        let Place { target, there } = match place(path)? {
-            Ok(place) => place,
-            Err(device) => return Ok(Self { path: path.to_owned(), file: BufWriter::new(device), moves: None }),
+        let (target, there) = match place(path)? {
+            Place::File { target, there } => (target, there),
+            Place::Device(device) => {
+                return Ok(Self { path: path.to_owned(), file: BufWriter::new(device), moves: None });
+            }
         };
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let count = COUNT.fetch_add(1, Ordering::Relaxed);
@@ -112,8 +114,8 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), InputError> {
 /// Names the file.
 pub fn check_writable(path: &Path) -> Result<(), InputError> {
     let checked = place(path).and_then(|place| match place {
-        Ok(Place { target, .. }) => may_write(folder_of(&target).unwrap_or(Path::new("."))),
-        Err(_) => Ok(()),
+        Place::File { target, .. } => may_write(folder_of(&target).unwrap_or(Path::new("."))),
+        Place::Device(_) => Ok(()),
     });
     checked.map_err(|error| failed(path, &error))
 }
@@ -130,32 +132,35 @@ fn may_write(_: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Where a file goes, and what is there now.
-struct Place {
-    target: PathBuf,
-    there: Option<fs::Metadata>,
+/// What a path stands for.
+enum Place {
+    /// A device or a pipe, opened.
+    Device(File),
+    /// A file, and what is there now.
+    File { target: PathBuf, there: Option<fs::Metadata> },
 }
 
-/// The place of a file, whose folder is created if necessary; or the device of that name, opened.
-fn place(path: &Path) -> io::Result<Result<Place, File>> {
+/// Finds the place, and creates its folder if necessary.
+fn place(path: &Path) -> io::Result<Place> {
     if let Some(folder) = folder_of(path) {
         fs::create_dir_all(folder)?;
     }
     let there = match fs::metadata(path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => None,
-        metadata => Some(metadata?),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            return Ok(Place::File { target: path.to_owned(), there: None });
+        }
+        metadata => metadata?,
     };
-    let Some(there) = there else { return Ok(Ok(Place { target: path.to_owned(), there: None })) };
     if there.is_dir() {
         return Err(io::ErrorKind::IsADirectory.into());
     }
     if !there.is_file() {
-        return Ok(Err(File::options().write(true).open(path)?));
+        return Ok(Place::Device(File::options().write(true).open(path)?));
     }
     // The target of a symbolic link is replaced, not the link; a read-only file is refused.
     let target = fs::canonicalize(path)?;
     File::options().append(true).open(&target)?;
-    Ok(Ok(Place { target, there: Some(there) }))
+    Ok(Place::File { target, there: Some(there) })
 }
 
 /// The error for a file; a full disk is reported as "no space left".
