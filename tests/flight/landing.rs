@@ -57,15 +57,15 @@ fn without_a_camera_it_hovers_above_the_beacon_and_hands_over() {
     }
 }
 
-/// Where there is no pad no flight lands, and most hand over near the beacon: pillars block some of the paths back.
+/// Where there is no pad no flight lands, and at least 80 % hand over near the beacon.
 #[test]
 fn where_there_is_no_pad_it_hands_over_mostly_above_the_beacon() {
-    let flights = 2 * FLIGHTS;
+    let flights = 4 * FLIGHTS;
     let row = flown_times("camera, no pad there", flights);
     assert_eq!((row.on_pad, row.beside.len()), (0, 0), "{row:?}");
-    // 19 of these 24 do, of 100 in `cargo xtask landings` 93.
+    // Pillars block some of the paths back.
     let [all, near] = row.handed_over["no_pad"];
-    assert!(u64::from(all) == flights && near >= 19, "{row:?}");
+    assert!(u64::from(all) == flights && f64::from(near) >= 0.8 * flights as f64, "{row:?}");
 }
 
 fn mission(text: &str) -> Mission {

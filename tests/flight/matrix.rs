@@ -87,7 +87,7 @@ fn dense_corridors_are_flown_in_every_setting() {
 /// Traps: in 15 of 60 settings no flight ends otherwise than expected but the listed ones.
 #[test]
 fn traps_end_as_they_should_in_every_setting() {
-    let rows = flown(&pairwise(), |_| traps(&root().join("tests/traps"), &seeds::test(10)).unwrap());
+    let rows = flown(&pairwise(), |_| traps(&root().join("tests/traps"), &seeds::test(20)).unwrap());
     only_known_failures("matrix_traps", &rows);
 }
 
