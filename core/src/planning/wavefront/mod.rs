@@ -10,6 +10,8 @@
 //!
 //! Memory 24 KB, fixed; counted in the bench row `replan_64`.
 
+use core::ops::Range;
+
 use heapless::Vec;
 
 use crate::base::config::Fence;
@@ -30,14 +32,13 @@ const CLOSED: u16 = u16::MAX;
 const BUCKET_SHIFT: u16 = 4;
 /// Number of buckets; together they span more than the longest step, which is a slow one.
 const BUCKETS: usize = 32;
-/// log2 of the slowness by rim: none, the outer one, the inner one, which lies inside the outer one.
-const SLOW_SHIFT: [u16; 4] = [0, 1, 2, 2];
 /// Largest number of entries waiting at a time. The front is a curve, not an area.
 const WAITING_MAX: usize = 1024;
 const NONE: u16 = u16::MAX;
 /// Largest number of steps of the path back to the start that are stored: those nearest to the start.
 pub const ROUTE_MAX: usize = 48;
-const WORDS: usize = CELLS.div_ceil(32);
+/// Number of cells whose rims are in one word.
+const PER_WORD: usize = 16;
 /// Half the diagonal of a cell, in cells.
 const DIAGONAL: f32 = core::f32::consts::FRAC_1_SQRT_2;
 /// Largest shift of the window ahead of the vehicle, towards its aim.
@@ -78,8 +79,8 @@ pub struct Window {
     cell_m: f32,
     start_ned_m: Horizontal,
     arrival: [u16; CELLS],
-    /// One bit per cell.
-    rims: [[u32; WORDS]; 2],
+    /// Two bits per cell: in the outer rim, in the inner one.
+    rims: [u32; CELLS / PER_WORD],
     queue: Queue,
 }
 
@@ -123,7 +124,7 @@ impl Window {
             cell_m: 0.0,
             start_ned_m: Horizontal { north: 0.0, east: 0.0 },
             arrival: [0; CELLS],
-            rims: [[0; WORDS]; 2],
+            rims: [0; CELLS / PER_WORD],
             queue: Queue {
                 first: [0; BUCKETS],
                 waiting: [Waiting { cell: 0, next: 0 }; WAITING_MAX],
@@ -138,9 +139,14 @@ impl Window {
         if !(self.cell_m > 0.0) {
             return None;
         }
-        let offset = place_ned_m.minus(self.corner_ned_m).times(1.0 / self.cell_m);
+        let offset = self.in_cells(place_ned_m);
         let inside = |value: f32| value >= 1.0 && value < (SIDE - 1) as f32;
         (inside(offset.north) && inside(offset.east)).then(|| offset.north as usize * SIDE + offset.east as usize)
+    }
+
+    /// A place relative to the corner, in cells.
+    fn in_cells(&self, place_ned_m: Horizontal) -> Horizontal {
+        place_ned_m.minus(self.corner_ned_m).times(1.0 / self.cell_m)
     }
 
     /// When the wave reaches a cell; cells outside the window are closed.
@@ -300,18 +306,22 @@ impl Window {
         self.queue.dropped
     }
 
-    /// Closes cells `from..to` of a row, or marks them as part of a rim.
-    fn mark(&mut self, row: usize, from: usize, to: usize, tier: Tier) {
-        let (from, to) = (row * SIDE + from, row * SIDE + to);
-        let rim = match tier {
+    /// Closes the cells of some columns of a row, or marks them as part of a rim.
+    fn mark(&mut self, row: usize, columns: Range<usize>, tier: Tier) {
+        if columns.is_empty() {
+            return;
+        }
+        let (from, to) = (row * SIDE + columns.start, row * SIDE + columns.end);
+        let bits: u32 = match tier {
             Tier::Closed => return self.arrival.get_mut(from..to).unwrap_or_default().fill(CLOSED),
-            Tier::Outer => &mut self.rims[0],
-            Tier::Inner => &mut self.rims[1],
+            Tier::Outer => 0x5555_5555,
+            Tier::Inner => 0xaaaa_aaaa,
         };
-        for (index, word) in rim.iter_mut().enumerate().take(to.div_ceil(32)).skip(from / 32) {
-            let low = from.max(index * 32) - index * 32;
-            let high = to.min(index * 32 + 32) - index * 32;
-            *word |= (u32::MAX >> (32 - (high - low))) << low;
+        let words = from / PER_WORD..to.div_ceil(PER_WORD);
+        for (index, word) in words.clone().zip(self.rims.get_mut(words).unwrap_or_default()) {
+            let low = from.saturating_sub(index * PER_WORD);
+            let high = (to - index * PER_WORD).min(PER_WORD);
+            *word |= bits & ((u32::MAX >> (2 * (PER_WORD - (high - low)))) << (2 * low));
         }
     }
 
@@ -387,13 +397,14 @@ pub fn march(
             window.close(cell);
         }
     }
-    window.rims = [[0; WORDS]; 2];
+    window.rims = [0; CELLS / PER_WORD];
     let reach_m = fence.reach_m(start_ned_m);
     if reach_m < f32::INFINITY {
-        for cell in 0..CELLS {
-            if window.place_of(cell).minus(fence.center_ned_m).norm_squared() > reach_m * reach_m {
-                window.close(cell);
-            }
+        let (center, radius) = (window.in_cells(fence.center_ned_m), reach_m / cell_m);
+        for row in 1..SIDE - 1 {
+            let inside = columns_within(center, radius, row);
+            window.mark(row, 1..inside.start, Tier::Closed);
+            window.mark(row, inside.end.max(1)..SIDE - 1, Tier::Closed);
         }
     }
     for obstacle in obstacles {
@@ -428,24 +439,28 @@ fn draw(window: &mut Window, center_ned_m: Horizontal, radius_m: f32, tier: Tier
     if !(radius_m > 0.0) {
         return;
     }
-    let center = center_ned_m.minus(window.corner_ned_m).times(1.0 / window.cell_m);
-    let radius = radius_m / window.cell_m;
-    // Saturating casts: a disc that extends beyond the window ends at its edge.
-    let from = libm::ceilf(center.north - radius - 0.5) as usize;
-    let to = ((center.north + radius + 0.5) as usize).min(SIDE - 1);
-    for row in from.max(1)..to {
-        let off = row as f32 + 0.5 - center.north;
-        let half_squared = radius * radius - off * off;
-        if half_squared <= 0.0 {
-            continue;
-        }
-        let half = sqrt(half_squared);
-        let first = (libm::ceilf(center.east - half - 0.5) as usize).max(1);
-        let last = ((center.east + half + 0.5) as usize).min(SIDE - 1);
-        if first < last {
-            window.mark(row, first, last, tier);
-        }
+    let (center, radius) = (window.in_cells(center_ned_m), radius_m / window.cell_m);
+    for row in cells_within(center.north, radius) {
+        window.mark(row, columns_within(center, radius, row), tier);
     }
+}
+
+/// The cells of a row inside the window's rim whose middles are in a disc, all in cells.
+#[inline(always)]
+fn columns_within(center: Horizontal, radius: f32, row: usize) -> Range<usize> {
+    let off = row as f32 + 0.5 - center.north;
+    let half_squared = radius * radius - off * off;
+    if half_squared > 0.0 { cells_within(center.east, sqrt(half_squared)) } else { 0..0 }
+}
+
+/// The cells along one axis inside the rim whose middles are within `half` of a place, in cells.
+#[inline(always)]
+fn cells_within(center: f32, half: f32) -> Range<usize> {
+    let low = center - half - 0.5;
+    // Saturating casts: what extends beyond the window ends at its edge.
+    let below = (low as usize).min(SIDE);
+    let first = below + usize::from(low > below as f32);
+    first.max(1)..((center + half + 0.5) as usize).min(SIDE - 1)
 }
 
 /// Closes the cells along a line.
@@ -491,8 +506,10 @@ fn spread(window: &mut Window) {
         empty = 0;
         left -= 1;
         let corner = cell.wrapping_sub(SIDE + 1);
-        let around = window.arrival.get_mut(corner..).and_then(|cells| cells.first_chunk_mut());
-        let Some(around) = around else { continue };
+        if corner > CELLS - AROUND {
+            continue;
+        }
+        let Some(around) = window.arrival[corner..].first_chunk_mut() else { continue };
         let mut relax = |there, across| relax(around, corner, there, across, &window.rims, &mut window.queue);
         relax(1, [0, 2]);
         relax(2 * SIDE + 1, [2 * SIDE, 2 * SIDE + 2]);
@@ -502,20 +519,21 @@ fn spread(window: &mut Window) {
 }
 
 /// The cells from a cell's neighbour below left to its neighbour above right: one bounds check for all of them.
-type Around = [u16; 2 * SIDE + 3];
+const AROUND: usize = 2 * SIDE + 3;
 
 /// Propagates the wave from the middle to a cell, with the earlier one of the two cells across. Cells are counted from
 /// the corner.
 #[inline(always)]
 fn relax(
-    around: &mut Around,
+    around: &mut [u16; AROUND],
     corner: usize,
     there: usize,
     across: [usize; 2],
-    rims: &[[u32; WORDS]; 2],
+    rims: &[u32; CELLS / PER_WORD],
     queue: &mut Queue,
 ) {
     let (here, old) = (u32::from(around[SIDE + 1]), u32::from(around[there]));
+    // Reached earlier, or closed.
     if old <= here || old == u32::from(CLOSED) {
         return;
     }
@@ -525,17 +543,17 @@ fn relax(
     let shift = slowness(rims, corner + there);
     let apart = ((late - early) >> shift).min(u32::from(UNIT));
     let arrival = early + (u32::from(STEP[apart as usize]) << shift);
-    if arrival < old && arrival < u32::from(FAR) {
+    if arrival < old {
         around[there] = arrival as u16;
         queue.push(corner + there, arrival as u16);
     }
 }
 
-/// log2 of the slowness of a cell.
+/// log2 of the slowness of a cell: 0 in no rim, 1 in the outer one, 2 in the inner one, also when both are set.
 #[inline(always)]
-fn slowness(rims: &[[u32; WORDS]; 2], cell: usize) -> u16 {
-    let [outer, inner] = rims.each_ref().map(|rim| rim.get(cell / 32).map_or(0, |word| (word >> (cell % 32)) & 1));
-    SLOW_SHIFT[(outer | inner << 1) as usize]
+fn slowness(rims: &[u32; CELLS / PER_WORD], cell: usize) -> u32 {
+    let bits = rims.get(cell / PER_WORD).map_or(0, |word| (word >> (2 * (cell % PER_WORD))) & 3);
+    bits & !(bits >> 1)
 }
 
 #[cfg(test)]

@@ -103,3 +103,22 @@ fn any_obstacles_and_any_start_end_in_a_bounded_march() {
         assert!(exit.is_none_or(|place| window.route(place).len() <= ROUTE_MAX));
     }
 }
+
+#[test]
+fn what_lies_outside_of_the_fence_is_closed_and_nothing_else() {
+    let mut rng = Rng::new(5, 0);
+    let mut window = Box::new(Window::new());
+    for _ in 0..50 {
+        let mut place = || Horizontal { north: 8.0 * rng.gaussian(), east: 8.0 * rng.gaussian() };
+        let (start, towards, center_ned_m) = (place(), place(), place());
+        let radius_m = center_ned_m.minus(start).norm() + 1.0 + 4.0 * rng.uniform();
+        let fence = Fence { center_ned_m, radius_m, margin_m: 0.5 };
+        super::march(&mut window, start, towards, 1.0, &[], &fence);
+        for cell in (1..SIDE - 1).flat_map(|row| row * SIDE + 1..row * SIDE + SIDE - 1) {
+            let outside_m = window.place_of(cell).minus(center_ned_m).norm() - fence.reach_m(start);
+            if outside_m.abs() > 1e-4 {
+                assert_eq!(window.arrival(cell) == CLOSED, outside_m > 0.0, "{cell}: {outside_m} m, {fence:?}");
+            }
+        }
+    }
+}

@@ -163,5 +163,5 @@ pub(super) fn replan(measure: &impl Fn(&mut dyn FnMut()) -> u32, planner: &Plann
         }));
         (request.id, request.begins) = (request.id + 1, false);
     }
-    row("replan_64", worst, 1_700_000);
+    row("replan_64", worst, 1_400_000);
 }
