@@ -28,7 +28,7 @@ use foxhound_core::guidance::param::{COUNT, Id, Refusal, Values};
 use heapless::Deque;
 
 use crate::dialect::{
-    COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavParamType, MavResult, PARAM_REQUEST_LIST_DATA,
+    COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, MavCmd, MavParamType, MavResult, PARAM_REQUEST_LIST_DATA,
     PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA, STATUSTEXT_DATA,
 };
 use crate::framer::{Content, Header};
@@ -168,7 +168,11 @@ impl Params {
     pub(crate) const fn may_hear(message_id: u32) -> bool {
         matches!(
             message_id,
-            PARAM_REQUEST_LIST_DATA::ID | PARAM_REQUEST_READ_DATA::ID | PARAM_SET_DATA::ID | COMMAND_LONG_DATA::ID
+            PARAM_REQUEST_LIST_DATA::ID
+                | PARAM_REQUEST_READ_DATA::ID
+                | PARAM_SET_DATA::ID
+                | COMMAND_LONG_DATA::ID
+                | COMMAND_INT_DATA::ID
         )
     }
 
@@ -177,6 +181,7 @@ impl Params {
     #[inline(never)]
     pub fn hear(&mut self, us: (u8, u8), from: Header, content: &Content, is_seeking: bool) -> bool {
         let for_us = |system, component| system == us.0 && (component == us.1 || component == 0);
+        let alone = |target: (u8, u8)| (target.1 == us.1).then_some((from.system_id, from.component_id));
         match content.message_id() {
             PARAM_REQUEST_LIST_DATA::ID => {
                 let list: PARAM_REQUEST_LIST_DATA = content.read();
@@ -208,13 +213,13 @@ impl Params {
             }
             COMMAND_LONG_DATA::ID => {
                 let command: COMMAND_LONG_DATA = content.read();
-                let is_ours = command.command == MavCmd::MAV_CMD_PREFLIGHT_STORAGE as u16
-                    && for_us(command.target_system, command.target_component);
-                if is_ours {
-                    let station = (command.target_component == us.1).then_some((from.system_id, from.component_id));
-                    self.command(command.param1, station, is_seeking);
-                }
-                is_ours
+                let target = (command.target_system, command.target_component);
+                for_us(target.0, target.1) && self.command(command.command, command.param1, alone(target), is_seeking)
+            }
+            COMMAND_INT_DATA::ID => {
+                let command: COMMAND_INT_DATA = content.read();
+                let target = (command.target_system, command.target_component);
+                for_us(target.0, target.1) && self.command(command.command, command.param1, alone(target), is_seeking)
             }
             _ => false,
         }
@@ -328,8 +333,17 @@ impl Params {
         self.asked.add(id);
     }
 
+    /// Takes in a command of a station, `None` where all components were addressed; false if it is not about parameters.
     #[inline(never)]
-    fn command(&mut self, param1: f32, station: Option<(u8, u8)>, is_seeking: bool) {
+    fn command(&mut self, command: u16, param1: f32, station: Option<(u8, u8)>, is_seeking: bool) -> bool {
+        let is_ours = command == MavCmd::MAV_CMD_PREFLIGHT_STORAGE as u16;
+        if is_ours {
+            self.keep(param1, station, is_seeking);
+        }
+        is_ours
+    }
+
+    fn keep(&mut self, param1: f32, station: Option<(u8, u8)>, is_seeking: bool) {
         let storage = if param1 == 0.0 {
             Storage::Load
         } else if param1 == 1.0 {

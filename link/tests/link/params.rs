@@ -348,6 +348,17 @@ fn the_storage_is_the_applications_and_the_station_hears_what_became_of_it() {
             assert_eq!(ack.result, if is_done { 0 } else { MavResult::MAV_RESULT_FAILED as u8 });
         }
     }
+    // As `COMMAND_INT`, as newer stations send it.
+    assert!(link.hear(&MavMessage::COMMAND_INT(COMMAND_INT_DATA {
+        target_system: US.0,
+        target_component: US.1,
+        command: MavCmd::MAV_CMD_PREFLIGHT_STORAGE as u16,
+        param1: 1.0,
+        ..COMMAND_INT_DATA::DEFAULT
+    })));
+    assert_eq!(link.params.take_storage(), Some(Storage::Save));
+    link.params.stored(true);
+    assert!(matches!(&link.replies(200)[..], [(_, Reply::Ack(ack))] if ack.result == 0));
     // To all components: done, but the autopilot's answer is the one that the station waits for.
     assert_eq!(link.store(1.0, 0), [0_u8; 0]);
     assert_eq!(link.params.take_storage(), Some(Storage::Save));
