@@ -105,11 +105,9 @@ pub struct Receiver {
 
 impl Receiver {
     /// Before the first frame.
-    ///
-    /// # Errors
-    /// The field of the self-test's limits that is refused.
-    pub fn new(timer: Option<Timer>, limits: &selftest::Config) -> Result<Self, ConfigError> {
-        Ok(Self { timer, watch: Watch::new(), test: limits.build()?, is_calibrated: false, is_examined: false })
+    #[must_use]
+    pub fn new(timer: Option<Timer>) -> Self {
+        Self { timer, watch: Watch::new(), test: SelfTest::default(), is_calibrated: false, is_examined: false }
     }
 
     /// The present test, or the last one.

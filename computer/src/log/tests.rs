@@ -3,7 +3,6 @@ use super::ring::Ring;
 use super::*;
 use crate::flight::{self, Receiver};
 use crate::iq::Reports;
-use crate::selftest;
 use crate::sensor::Sensor;
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
@@ -36,7 +35,7 @@ impl Parts {
             guidance,
             systems: config.build_planner().unwrap(),
             companion: companion::Config::default().build_with(Values::of(&config)).unwrap(),
-            receiver: Receiver::new(None, &selftest::Config::default()).unwrap(),
+            receiver: Receiver::new(None),
             sensor: None,
             reports: Reports::new(),
         })

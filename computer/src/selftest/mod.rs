@@ -2,7 +2,7 @@
 //! frames.
 //!
 //! One tone goes to all four inputs through a splitter, or comes from a source in a known direction. For
-//! [`Config::frames`] frames, and eight before them, 1.5 s, outside control and disarmed, the frames are used here
+//! [`FRAMES`] frames, and eight before them, 1.5 s, outside control and disarmed, the frames are used here
 //! and not by guidance. The checks, in this order; the first that fails is the verdict:
 //!
 //! | check | requirement | usual cause |
@@ -37,11 +37,7 @@ mod run;
 #[cfg(test)]
 mod tests;
 
-use core::f32::consts::PI;
-
-use foxhound_core::ConfigError;
 use foxhound_core::base::adc::{AdcFrame, CHANNELS};
-use foxhound_core::base::error::check;
 use foxhound_core::base::units::DEG_PER_RAD;
 use foxhound_core::doa::array::{Array, Entry};
 use foxhound_core::signal::phase::Phasors;
@@ -53,63 +49,24 @@ use crate::SAMPLES_PER_CHANNEL as N;
 pub use report::{Reading, Report};
 use run::{Run, SETTLING};
 
-/// Limits of the test.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Config {
-    /// Number of frames used.
-    pub frames: u16,
-    /// Largest distance of the mean from half scale.
-    pub offset_max_codes: f32,
-    /// Largest share of the samples at a rail.
-    pub clipped_max: f32,
-    /// Noise, rms.
-    pub noise_max_codes: f32,
-    /// Noise above that of the other channels, their median.
-    pub noise_spread_max_db: f32,
-    /// Least tone over the noise, per sample.
-    pub snr_min_db: f32,
-    /// From the weakest channel to the strongest.
-    pub gain_spread_max_db: f32,
-    /// Standard deviation of a channel's phase from frame to frame, against the others'.
-    pub phase_sigma_max_rad: f32,
-    /// Largest relative difference of the sample rate from the clock of the time stamps.
-    pub rate_off_max: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            frames: 64,
-            offset_max_codes: 100.0,
-            clipped_max: 0.01,
-            noise_max_codes: 20.0,
-            noise_spread_max_db: 6.0,
-            snr_min_db: 10.0,
-            gain_spread_max_db: 3.0,
-            phase_sigma_max_rad: 1.5 / DEG_PER_RAD,
-            rate_off_max: 500e-6,
-        }
-    }
-}
-
-impl Config {
-    /// Checks the limits.
-    ///
-    /// # Errors
-    /// The field that is refused.
-    pub fn build(&self) -> Result<SelfTest, ConfigError> {
-        check("selftest.frames", f32::from(self.frames), 8.0, 200.0)?;
-        check("selftest.offset_max_codes", self.offset_max_codes, 1.0, 2048.0)?;
-        check("selftest.clipped_max", self.clipped_max, 0.0, 1.0)?;
-        check("selftest.noise_max_codes", self.noise_max_codes, 0.3, 2048.0)?;
-        check("selftest.noise_spread_max_db", self.noise_spread_max_db, 1.0, 60.0)?;
-        check("selftest.snr_min_db", self.snr_min_db, -10.0, 60.0)?;
-        check("selftest.gain_spread_max_db", self.gain_spread_max_db, 0.1, 40.0)?;
-        check("selftest.phase_sigma_max_rad", self.phase_sigma_max_rad, 1e-4, PI)?;
-        check("selftest.rate_off_max", self.rate_off_max, 1e-6, 0.1)?;
-        Ok(SelfTest { config: *self, stage: Stage::Idle })
-    }
-}
+/// Number of frames used.
+pub const FRAMES: u16 = 64;
+/// Largest distance of the mean from half scale.
+pub const OFFSET_MAX_CODES: f32 = 100.0;
+/// Largest share of the samples at a rail.
+pub const CLIPPED_MAX: f32 = 0.01;
+/// Noise, rms.
+const NOISE_MAX_CODES: f32 = 20.0;
+/// Noise above that of the other channels, their median.
+const NOISE_SPREAD_MAX_DB: f32 = 6.0;
+/// Least tone over the noise, per sample.
+const SNR_MIN_DB: f32 = 10.0;
+/// From the weakest channel to the strongest.
+const GAIN_SPREAD_MAX_DB: f32 = 3.0;
+/// Standard deviation of a channel's phase from frame to frame, against the others'.
+const PHASE_SIGMA_MAX_RAD: f32 = 1.5 / DEG_PER_RAD;
+/// Largest relative difference of the sample rate from the clock of the time stamps.
+const RATE_OFF_MAX: f32 = 500e-6;
 
 /// The checks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -237,8 +194,13 @@ enum Stage {
 /// The present test, or the last one.
 #[derive(Clone, Copy, Debug)]
 pub struct SelfTest {
-    config: Config,
     stage: Stage,
+}
+
+impl Default for SelfTest {
+    fn default() -> Self {
+        Self { stage: Stage::Idle }
+    }
 }
 
 impl SelfTest {
@@ -301,9 +263,9 @@ impl SelfTest {
     #[inline(never)]
     fn conclude(&mut self, last: Option<(&Array, &Phasors)>) {
         if let Stage::Running(run) = &self.stage
-            && run.is_over(&self.config)
+            && run.is_over()
         {
-            let verdict = run.judge(&self.config, last);
+            let verdict = run.judge(last);
             let takes_over = verdict == Verdict::Pass && matches!(run.exam, Exam::Calibrate { .. });
             let entry = run.entry().filter(|_| takes_over);
             self.stage = Stage::Ended(run.report(verdict), entry);

@@ -11,7 +11,10 @@ use foxhound_core::signal::phase::{self, Complex, Phasors};
 use foxhound_link::companion::{Exam, Tone};
 
 use super::report::{Reading, Report};
-use super::{Channels, Check, Config, Verdict};
+use super::{
+    CLIPPED_MAX, Channels, Check, FRAMES, GAIN_SPREAD_MAX_DB, NOISE_MAX_CODES, NOISE_SPREAD_MAX_DB, OFFSET_MAX_CODES,
+    PHASE_SIGMA_MAX_RAD, RATE_OFF_MAX, SNR_MIN_DB, Verdict,
+};
 use crate::SAMPLES_PER_CHANNEL as N;
 
 /// The rms value of the loudest sine that fits.
@@ -104,8 +107,8 @@ impl Run {
     }
 
     /// Missing frames end it, too.
-    pub(super) fn is_over(&self, config: &Config) -> bool {
-        self.frames >= config.frames || self.missed >= config.frames
+    pub(super) fn is_over(&self) -> bool {
+        self.frames >= FRAMES || self.missed >= FRAMES
     }
 
     pub(super) fn take(&mut self, array: &Array, blocks_per_s: f32, snapshot: &AdcFrame<N>, phasors: &Phasors) {
@@ -173,7 +176,7 @@ impl Run {
     }
 
     /// The first fault. `last` is the last frame, if there was one.
-    pub(super) fn judge(&self, config: &Config, last: Option<(&Array, &Phasors)>) -> Verdict {
+    pub(super) fn judge(&self, last: Option<(&Array, &Phasors)>) -> Verdict {
         let measured = self.measured();
         let fail = |check, channels| Verdict::Fail { check, channels };
         let found = |check, channels: Channels| (!channels.is_none()).then_some(fail(check, channels));
@@ -183,27 +186,25 @@ impl Run {
         if !self.frozen.is_none() {
             return fail(Check::Frozen, self.frozen);
         }
-        if self.frames < config.frames {
+        if self.frames < FRAMES {
             return fail(Check::Frames, Channels::NONE);
         }
         let floor_codes = middle(measured.map(|channel| channel.noise_codes));
-        let noise_max_codes = (floor_codes * ratio(config.noise_spread_max_db)).min(config.noise_max_codes);
+        let noise_max_codes = (floor_codes * ratio(NOISE_SPREAD_MAX_DB)).min(NOISE_MAX_CODES);
         found(Check::Dead, self.silent)
-            .or_else(|| each(Check::Clipped, &|channel| channel.clipped > config.clipped_max))
+            .or_else(|| each(Check::Clipped, &|channel| channel.clipped > CLIPPED_MAX))
             .or_else(|| found(Check::Same, self.same()))
-            .or_else(|| {
-                (libm::fabsf(self.rate_off()) > config.rate_off_max).then_some(fail(Check::Rate, Channels::NONE))
-            })
-            .or_else(|| each(Check::Offset, &|channel| libm::fabsf(channel.offset_codes) > config.offset_max_codes))
+            .or_else(|| (libm::fabsf(self.rate_off()) > RATE_OFF_MAX).then_some(fail(Check::Rate, Channels::NONE)))
+            .or_else(|| each(Check::Offset, &|channel| libm::fabsf(channel.offset_codes) > OFFSET_MAX_CODES))
             .or_else(|| each(Check::Noise, &|channel| channel.noise_codes > noise_max_codes))
-            .or_else(|| self.judge_tone(config, &measured))
+            .or_else(|| self.judge_tone(&measured))
             .or_else(|| found(Check::Order, last.map_or(Channels::NONE, |(array, phasors)| self.moved(array, phasors))))
             .unwrap_or(Verdict::Pass)
     }
 
-    fn judge_tone(&self, config: &Config, measured: &[Measured; CHANNELS]) -> Option<Verdict> {
+    fn judge_tone(&self, measured: &[Measured; CHANNELS]) -> Option<Verdict> {
         let fail = |check, channels| Some(Verdict::Fail { check, channels });
-        if 2 * self.heard < self.frames || self.snr_db < config.snr_min_db * f32::from(self.heard) {
+        if 2 * self.heard < self.frames || self.snr_db < SNR_MIN_DB * f32::from(self.heard) {
             return fail(Check::Tone, Channels::NONE);
         }
         let amplitudes_codes = measured.map(|channel| channel.amplitude_codes);
@@ -212,13 +213,13 @@ impl Run {
         if !dead.is_none() {
             return fail(Check::Dead, dead);
         }
-        if db(most / least) > config.gain_spread_max_db {
+        if db(most / least) > GAIN_SPREAD_MAX_DB {
             let middle = middle(amplitudes_codes);
             let away = measured.map(|channel| libm::fabsf(db(channel.amplitude_codes / middle)));
             return fail(Check::Gain, farthest(away));
         }
         let unsteady = measured.map(|channel| channel.phase_sigma_rad);
-        if unsteady.iter().any(|sigma_rad| !(*sigma_rad <= config.phase_sigma_max_rad)) {
+        if unsteady.iter().any(|sigma_rad| !(*sigma_rad <= PHASE_SIGMA_MAX_RAD)) {
             return fail(Check::Phase, farthest(unsteady));
         }
         None

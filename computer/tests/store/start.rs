@@ -5,7 +5,6 @@ use foxhound_computer::flight::{Flight, ParameterStore as _, Receiver, Step};
 use foxhound_computer::iq::Reports;
 use foxhound_computer::log::ring::Ring;
 use foxhound_computer::log::{self, Log};
-use foxhound_computer::selftest;
 use foxhound_computer::sensor::Sensor;
 use foxhound_computer::store::{Kept, Store};
 use foxhound_core::base::time::Instant;
@@ -67,7 +66,7 @@ impl<'a> Computer<'a> {
             guidance,
             systems: config.build_planner().unwrap(),
             companion: link.build_with(Values::of(&config)).unwrap(),
-            receiver: Receiver::new(None, &selftest::Config::default()).unwrap(),
+            receiver: Receiver::new(None),
             sensor: None,
             reports: Reports::new(),
             store,

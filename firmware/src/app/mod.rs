@@ -32,7 +32,7 @@ use foxhound_computer::iq::Reports;
 use foxhound_computer::log::Log;
 use foxhound_computer::port::{self, Command, HELP, SensorCounters, SensorStatus, Status, Waiting};
 use foxhound_computer::restart::{Cause, Restart};
-use foxhound_computer::selftest::{self, Refused};
+use foxhound_computer::selftest::Refused;
 use foxhound_computer::sensor::{self, Sensor};
 use foxhound_computer::store::Store;
 use foxhound_computer::timing::{Feeds, Task};
@@ -380,7 +380,7 @@ fn begin<B: Board>(config: &guidance::Config, state: &'static mut State) -> Resu
     static CONFIG: StaticCell<guidance::Config> = StaticCell::new();
     static SYSTEMS: StaticCell<Systems> = StaticCell::new();
     static RECEIVER: StaticCell<flight::Receiver> = StaticCell::new();
-    let receiver = RECEIVER.init(flight::Receiver::new(B::SAMPLE_TIMER, &selftest::Config::default())?);
+    let receiver = RECEIVER.init(flight::Receiver::new(B::SAMPLE_TIMER));
     let config = CONFIG.init(*config);
     receiver.fit(config)?;
     let guidance = first_guidance(config)?;

@@ -7,7 +7,7 @@ use std::fmt;
 use foxhound_computer::camera::{self, Came, Camera, Sighted};
 use foxhound_computer::flight::{Flight, Receiver, Step, Stepped};
 use foxhound_computer::iq::Reports;
-use foxhound_computer::selftest::{self, Report};
+use foxhound_computer::selftest::Report;
 use foxhound_computer::sensor::{self, Sensor};
 use foxhound_computer::twin::Planned;
 use foxhound_core::ConfigError;
@@ -172,7 +172,7 @@ impl HostComputer {
             known: Vec::new(),
             store: None,
             recording: None,
-            receiver: Receiver::new(None, &selftest::Config::default())?,
+            receiver: Receiver::new(None),
             camera: Camera::new(camera::detector(config)?),
             sighted: None,
             sensor: sensor::build(config, &mut reports)?,

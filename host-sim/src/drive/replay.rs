@@ -16,7 +16,6 @@ use foxhound_computer::flight::{Flight, ParameterStore, Receiver, Step};
 use foxhound_computer::iq::Reports;
 use foxhound_computer::log::frame::{Frame, LogDeframer};
 use foxhound_computer::log::{self, Begin, Beginning, LAYOUT, Record};
-use foxhound_computer::selftest;
 use foxhound_computer::sensor::{self, Sensor};
 use foxhound_computer::twin::Planned;
 use foxhound_core::base::adc::AdcFrame;
@@ -288,7 +287,7 @@ impl Flown {
             guidance,
             systems: AllSystems::build(&begin.config)?,
             companion,
-            receiver: Receiver::new(None, &selftest::Config::default())?,
+            receiver: Receiver::new(None),
             sensor: sensor::build(&begin.config, &mut reports)?,
             reports,
             plans: VecDeque::new(),

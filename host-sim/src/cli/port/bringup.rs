@@ -6,7 +6,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use foxhound_computer::SAMPLES_PER_CHANNEL;
-use foxhound_computer::selftest::Config;
+use foxhound_computer::selftest::{CLIPPED_MAX, OFFSET_MAX_CODES};
 use foxhound_core::base::adc::{AdcFrame, CHANNELS, CODE_MAX, CODE_MIN};
 use foxhound_sim::scenario::input::InputError;
 use foxhound_sim::tools::frames::Recording;
@@ -255,10 +255,9 @@ impl Channel {
     }
 
     fn is_sound(&self) -> bool {
-        let limits = Config::default();
         self.lowest < self.highest
-            && self.offset_codes.abs() <= f64::from(limits.offset_max_codes)
-            && self.clipped <= f64::from(limits.clipped_max)
+            && self.offset_codes.abs() <= f64::from(OFFSET_MAX_CODES)
+            && self.clipped <= f64::from(CLIPPED_MAX)
     }
 
     fn words(&self) -> String {

@@ -8,7 +8,6 @@
 use foxhound_core::base::ned;
 use foxhound_core::base::obstacle::Disc;
 use foxhound_core::control::guard::Action;
-use foxhound_core::doa::bearing::Flags;
 use foxhound_core::landing::Stage;
 use serde::Serialize;
 use serde_json::Value;
@@ -398,22 +397,4 @@ pub(super) const fn guard_reason(action: Action, contradicts: bool) -> Option<&'
         Action::Braked if contradicts => Some("the limits of the obstacles contradict one another"),
         Action::Braked => Some("no command is clear of the obstacles and inside the fence"),
     }
-}
-
-/// The names of flags, as `foxhound bearing` prints them.
-pub(super) fn flags(flags: Flags) -> Vec<&'static str> {
-    let names = [
-        (Flags::CLIP, "clip"),
-        (Flags::dead(0), "dead_1"),
-        (Flags::dead(1), "dead_2"),
-        (Flags::dead(2), "dead_3"),
-        (Flags::dead(3), "dead_4"),
-        (Flags::INTERFERER, "interferer"),
-        (Flags::MULTIPATH, "multipath"),
-        (Flags::AMBIGUOUS, "ambiguous"),
-        (Flags::UNCALIBRATED, "uncalibrated"),
-        (Flags::NO_SIGNAL, "no_signal"),
-        (Flags::NOT_FINITE, "not_finite"),
-    ];
-    names.into_iter().filter(|(flag, _)| flags.contains(*flag)).map(|(_, name)| name).collect()
 }

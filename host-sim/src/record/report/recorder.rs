@@ -15,11 +15,12 @@ use serde_json::Value;
 use super::picture::Pictures;
 use super::record::{
     Bearing, Begin, Belief, End, Field, Gains, Landing, Origin, Parameter, People, Plan, Record, Remembered, Sample,
-    Step, Track, Tracks, VERSION, circles, core_xy, degrees, finite, flags, guard, guard_reason, milli, rounded, xy,
+    Step, Track, Tracks, VERSION, circles, core_xy, degrees, finite, guard, guard_reason, milli, rounded, xy,
 };
 use super::signal::{self, Signals};
 use crate::drive::computer::{Considered, HostComputer};
 use crate::drive::flight::{Mission, Moment, Report, TICK_S};
+use crate::tools::bearings::flag_names;
 use crate::world::{Horizontal, Pillar};
 
 /// The obstacle map is recorded every so many steps: 5 Hz.
@@ -196,7 +197,7 @@ fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
         bearing_deg: output.bearing_ned_rad.filter(|rad| rad.is_finite()).map(|rad| degrees(f64::from(rad))),
         sigma_deg: degrees(f64::from(bearing.sigma_rad)),
         snr_db: rounded(f64::from(bearing.quality.snr_db), 1),
-        flags: flags(bearing.flags),
+        flags: flag_names(bearing.flags),
     });
     Step {
         time_s: 0.0,
