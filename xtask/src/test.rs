@@ -47,11 +47,11 @@ from pymavlink.dialects.v20 import ardupilotmega
 sys.exit(any(version(name) != wanted for name, wanted in (peer.split('==') for peer in sys.argv[1:])))
 ";
 
-/// Installs what is missing, then runs everything, cheapest first, and prints how long each stage took. With `no_run` it ends
+/// Installs what is missing beside the build, then runs everything, and prints how long each stage took. With `no_run` it ends
 /// where everything is built.
 pub(crate) fn run(no_run: bool) -> Result<(), Failure> {
     let mut stages = Stages::default();
-    let result = check(&mut stages, no_run);
+    let result = if no_run { build(&mut stages).map(|_| ()) } else { check(&mut stages) };
     println!("\n{}", stages.table());
     if result.is_ok() {
         println!("\n{}", if no_run { "everything builds" } else { "all checks passed" });
@@ -59,7 +59,19 @@ pub(crate) fn run(no_run: bool) -> Result<(), Failure> {
     result
 }
 
-fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
+fn check(stages: &mut Stages) -> Result<(), Failure> {
+    // Their downloads are waited for while everything is built.
+    std::thread::scope(|scope| {
+        let peers = scope.spawn(install_peers);
+        let images = build(stages)?;
+        let wait = || peers.join().unwrap_or_else(|_| Err(Failure("the installation of the peers failed".to_owned())));
+        let python = stages.run("peers, still waited for", wait)?;
+        test(stages, &images, &python)
+    })
+}
+
+/// What needs nothing but the compiler; returns the images of the twin and of the NUCLEO-G474RE, without and with IQ reports.
+fn build(stages: &mut Stages) -> Result<[Image; 3], Failure> {
     stages.run("toolchain", install_toolchain)?;
     // Another compiler has other warnings and other lints that are errors from the start: it names them and goes on.
     let is_named = is_named_toolchain();
@@ -106,22 +118,22 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     stages.run("tests, built", || {
         attend(cargo().args(["test", "--release", "--no-run", "--lib", "--bins", "--tests"]))
     })?;
-    if no_run {
-        return Ok(());
-    }
+    Ok([twin, nucleo, iq])
+}
 
+/// What runs.
+fn test(stages: &mut Stages, [twin, nucleo, iq]: &[Image; 3], python: &Path) -> Result<(), Failure> {
     for parts in [Parts::default(), Parts::IQ] {
         stages.run("panics, looked for in the machine code", || crate::panics::run(parts))?;
         stages.run("stack, at most", || crate::stack::run(parts))?;
     }
     stages.run("tests, xtask", || attend(cargo().args(["test", "--release", "--package", "xtask"])))?;
-    let python = stages.run("peers", install_peers)?;
-    stages.run("Python package", || install_package(&python))?;
+    stages.run("Python package", || install_package(python))?;
     stages.run("dependencies, licences and sources", || {
-        attend(auditor(&python).args(["check", "bans", "licenses", "sources"]))
+        attend(auditor(python).args(["check", "bans", "licenses", "sources"]))
     })?;
-    if stages.run("dependencies, fetching the advisories", || attend(auditor(&python).args(["fetch", "db"]))).is_ok() {
-        stages.run("dependencies, advisories", || attend(auditor(&python).args(["check", "advisories"])))?;
+    if stages.run("dependencies, fetching the advisories", || attend(auditor(python).args(["fetch", "db"]))).is_ok() {
+        stages.run("dependencies, advisories", || attend(auditor(python).args(["check", "advisories"])))?;
     } else {
         stages.left_out.push("the dependencies' advisories, whose database cannot be fetched here");
     }
@@ -136,7 +148,7 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     ] {
         let mut test = cargo();
         test.args(["test", "--release"]).args(kind).args(["--", "--include-ignored"]).args(threads);
-        test.env("FOXHOUND_QEMU_ELF", &twin.elf).env("FOXHOUND_G474_ELF", &nucleo.elf).env("FOXHOUND_PYTHON", &python);
+        test.env("FOXHOUND_QEMU_ELF", &twin.elf).env("FOXHOUND_G474_ELF", &nucleo.elf).env("FOXHOUND_PYTHON", python);
         test.env("FOXHOUND_G474_IQ_ELF", &iq.elf);
         stages.run(name, || attend(&mut test))?;
     }
