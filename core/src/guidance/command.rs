@@ -98,7 +98,7 @@ impl<const N: usize> Guidance<N> {
 
     /// Out of control: everything that belongs to a mission starts over; knowledge of the surroundings is kept.
     pub(super) fn let_go(&self, state: &mut State<N>) {
-        state.control.guard.release();
+        state.control.guard.release(state.vehicle.ownship.map(|ownship| ownship.position_ned_m.down));
         state.vehicle.wind.release();
         state.vehicle.agreement.release();
         state.plans.is_searching = false;

@@ -42,6 +42,8 @@ const STEP_M: f32 = 0.07;
 const RAY_STEP_RAD: f32 = 0.045;
 /// Positions farther from the origin than this are not represented in the grid.
 const PLACE_MAX_M: f32 = 1e5;
+/// What was seen from an altitude that differs by this was not seen.
+const ALTITUDE_M: f32 = 0.5;
 
 /// Configuration of the coverage grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -135,6 +137,8 @@ pub struct Coverage {
     home_ned_m: Option<Horizontal>,
     /// The vehicle's cell, if the area under the vehicle is marked.
     stood: Option<(i32, i32)>,
+    /// The altitude at which it was seen, if it may change.
+    down_m: Option<f32>,
     latest: Profile,
 }
 
@@ -146,6 +150,7 @@ impl Default for Coverage {
             corner: (0, 0),
             home_ned_m: None,
             stood: None,
+            down_m: None,
             latest: Profile {
                 origin_ned_m: Horizontal::default(),
                 first_ned_rad: 0.0,
@@ -187,9 +192,18 @@ impl Coverage {
         &self.latest
     }
 
-    /// Someone else flies the vehicle: the position where it is next asked to move is a new start.
-    pub fn leave(&mut self) {
+    /// Someone else flies the vehicle: the position where it is next asked to move is a new start, and at another
+    /// altitude nothing has been seen.
+    pub fn leave(&mut self, down_m: Option<f32>) {
         self.home_ned_m = None;
+        let Some(down_m) = down_m else { return };
+        if libm::fabsf(down_m - *self.down_m.get_or_insert(down_m)) >= ALTITUDE_M {
+            (self.seen, self.hidden) = ([[0; 2]; SIDE as usize], [[0; 2]; SIDE as usize]);
+            self.stood = None;
+            // That there is a sensor is still known.
+            self.latest.ranges = Ranges::new();
+            self.down_m = Some(down_m);
+        }
     }
 
     fn contains(&self, north: i32, east: i32) -> bool {
@@ -542,6 +556,23 @@ mod tests {
             surveyor.stand(&mut coverage, at(-0.1 * step as f32, -0.07 * step as f32), 0.15);
         }
         assert_eq!(surveyor.cover(&coverage, at(1.2, 0.0)), Cover::Unseen);
+    }
+
+    #[test]
+    fn what_was_seen_from_another_altitude_is_unseen_and_the_sensor_is_still_known() {
+        let (surveyor, mut coverage) = (surveyor(), Coverage::default());
+        let clear = scan([Sector::Clear; SECTORS_MAX]);
+        let cover = |coverage: &Coverage| [0.8, 2.5].map(|north| surveyor.cover(coverage, at(north, 0.1)));
+        for (down_m, expected) in
+            [(-15.0, Cover::Seen), (-14.8, Cover::Seen), (-14.4, Cover::Unseen), (-2.0, Cover::Unseen)]
+        {
+            coverage.leave(Some(-15.0));
+            surveyor.note_scan(&mut coverage, &clear, &pose(0.0, 0.0, 0.0));
+            coverage.leave(Some(down_m));
+            coverage.leave(None);
+            assert_eq!(cover(&coverage), [expected; 2], "{down_m}");
+            assert!(coverage.has_scanned());
+        }
     }
 
     #[test]

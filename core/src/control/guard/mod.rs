@@ -195,12 +195,13 @@ impl State {
         self.counts
     }
 
-    /// A step out of control: the next command starts from rest; the coverage is kept, and the step is counted.
-    pub fn release(&mut self) {
+    /// A step out of control: the next command starts from rest; the coverage is kept at the same altitude, and the step is
+    /// counted.
+    pub fn release(&mut self, down_m: Option<f32>) {
         self.command_ned_mps = Horizontal::default();
         self.change_ned_mps = Horizontal::default();
         self.down_mps = 0.0;
-        self.coverage.leave();
+        self.coverage.leave(down_m);
         self.counts.beats = self.counts.beats.wrapping_add(1);
     }
 }

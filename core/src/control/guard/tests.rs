@@ -599,7 +599,7 @@ fn half_spaces_that_do_not_agree_brake_and_are_counted() {
     let jaws = [jaw(0.5), jaw(-0.5)];
     let ruling = guard.step(&mut state, &demand(0.0, 0.0), &GuardInput::default(), &jaws, DT);
     assert_eq!((ruling.action, state.counts().not_converged), (Action::Braked, 1));
-    state.release();
+    state.release(None);
     let ruling = guard.step(&mut state, &demand(1.0, 0.0), &GuardInput::default(), &[], DT);
     let counts = state.counts();
     assert_eq!(ruling.action, Action::Passed);
