@@ -15,6 +15,10 @@ const APART_S: f32 = 0.05;
 /// value is for autopilots that report a position several times.
 const FROZEN_M: f32 = 0.15;
 const FROZEN_S: f32 = 0.1;
+/// A yaw is extrapolated by the yaw rate so far back, and so far ahead, where the vehicle may have begun another turn.
+pub const YAW_BACK_MAX_S: f32 = 0.3;
+/// See [`YAW_BACK_MAX_S`].
+pub const YAW_FORTH_MAX_S: f32 = 0.15;
 /// Over a longer gap the velocity in between is unknown.
 const GAP_MAX_S: f32 = 0.3;
 
@@ -128,11 +132,12 @@ pub struct Ownship {
 }
 
 impl Ownship {
-    /// Yaw at an instant near the last attitude, extrapolated by the yaw rate for at most 0.2 s back and 0.1 s forth.
+    /// Yaw at an instant near the last attitude, extrapolated by the yaw rate from [`YAW_BACK_MAX_S`] before it to
+    /// [`YAW_FORTH_MAX_S`] after it.
     #[must_use]
     pub fn yaw_at(&self, at: Instant) -> f32 {
         let ahead_s = at.seconds_since(self.attitude_time) - self.attitude_time.seconds_since(at);
-        wrap_pi(self.yaw_rad + self.yaw_rate_radps * ahead_s.clamp(-0.2, 0.1))
+        wrap_pi(self.yaw_rad + self.yaw_rate_radps * ahead_s.clamp(-YAW_BACK_MAX_S, YAW_FORTH_MAX_S))
     }
 
     /// The direction to a source in the body frame, `[forward, right, down]`, from its bearing relative to the nose's heading
@@ -397,6 +402,6 @@ mod tests {
             Ownship { attitude_time: Instant(1_000_000), yaw_rad: 1.0, yaw_rate_radps: 2.0, ..Ownship::default() };
         assert!((ownship.yaw_at(Instant(1_050_000)) - 1.1).abs() < 1e-5);
         assert!((ownship.yaw_at(Instant(950_000)) - 0.9).abs() < 1e-5);
-        assert!((ownship.yaw_at(Instant(9_000_000)) - 1.2).abs() < 1e-5);
+        assert!((ownship.yaw_at(Instant(9_000_000)) - 1.3).abs() < 1e-5);
     }
 }

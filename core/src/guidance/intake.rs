@@ -6,18 +6,15 @@ use super::turning::Turned;
 use super::{FrontEnd, Guidance, Input, Measurement, State, near, turning};
 use crate::base::adc::AdcFrame;
 use crate::base::obstacle::Circle;
-use crate::base::ownship::Ownship;
+use crate::base::ownship::{Ownship, YAW_BACK_MAX_S, YAW_FORTH_MAX_S};
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
 use crate::doa::bearing::{Bearing, BearingEstimator};
 use crate::mapping::scan::{self, Points, Refusal, Scan, Segmentation};
 use crate::signal::phase::Phasors;
 
-/// The pose at the time of a measurement is known from positions and attitudes no farther away in time than this.
-const POSE_AGE_MAX_S: f32 = 0.3;
-/// Of that, the velocity carries the position so far back and forth.
-const BACK_MAX_S: f32 = 0.2;
-const FORTH_MAX_S: f32 = 0.1;
+/// The position at the time of a measurement is known from one no farther away in time than this.
+const POSITION_AGE_MAX_S: f32 = 0.3;
 
 impl<const N: usize> Guidance<N> {
     /// The phasors of a frame that guidance must not use, as when the receiver is tested; the step of such a frame
@@ -177,14 +174,14 @@ impl<const N: usize> Guidance<N> {
 /// The pose is not known.
 fn pose_at(ownship: Option<&Ownship>, time: Instant) -> Result<Pose, Refusal> {
     let ownship = ownship.ok_or(Refusal::NoOwnship)?;
-    let is_apart =
-        |heard: Instant| time.seconds_since(heard) > POSE_AGE_MAX_S || heard.seconds_since(time) > POSE_AGE_MAX_S;
-    if is_apart(ownship.position_time) || is_apart(ownship.attitude_time) {
+    // A scan that took a turn is older than the newest position.
+    let since_s = |heard: Instant| time.seconds_since(heard) - heard.seconds_since(time);
+    let position_s = since_s(ownship.position_time);
+    let attitude_s = since_s(ownship.attitude_time);
+    if libm::fabsf(position_s) > POSITION_AGE_MAX_S || !(-YAW_BACK_MAX_S..=YAW_FORTH_MAX_S).contains(&attitude_s) {
         return Err(Refusal::TimesApart);
     }
-    // A scan that took a turn is older than the newest position.
-    let since_s = time.seconds_since(ownship.position_time) - ownship.position_time.seconds_since(time);
-    let moved = ownship.velocity_ned_mps.horizontal().times(since_s.clamp(-BACK_MAX_S, FORTH_MAX_S));
+    let moved = ownship.velocity_ned_mps.horizontal().times(position_s);
     Ok(Pose { position_ned_m: ownship.position_ned_m.horizontal().plus(moved), yaw_rad: ownship.yaw_at(time) })
 }
 
@@ -202,12 +199,15 @@ mod tests {
             yaw_rate_radps: 1.0,
             ..Ownship::default()
         };
-        for (time_us, since_s) in [(1_000_000, 0.0), (1_050_000, 0.05), (950_000, -0.05), (850_000, -0.15)] {
+        for (time_us, since_s) in [(1_000_000, 0.0), (1_140_000, 0.14), (950_000, -0.05), (710_000, -0.29)] {
             let pose = pose_at(Some(&ownship), Instant(time_us)).unwrap();
             let apart = pose.position_ned_m.minus(Horizontal { north: 2.0, east: -1.0 }.times(since_s));
-            assert!(apart.norm() < 1e-6, "{since_s}: {pose:?}");
+            assert!(apart.norm() < 1e-6 && (pose.yaw_rad - since_s).abs() < 1e-6, "{since_s}: {pose:?}");
         }
         assert_eq!(pose_at(Some(&ownship), Instant(650_000)), Err(Refusal::TimesApart));
+        assert_eq!(pose_at(Some(&ownship), Instant(1_160_000)), Err(Refusal::TimesApart), "it may have turned on");
+        let newer = Ownship { attitude_time: Instant(1_200_000), ..ownship };
+        assert!(pose_at(Some(&newer), Instant(1_250_000)).is_ok());
         assert_eq!(pose_at(None, Instant(650_000)), Err(Refusal::NoOwnship));
     }
 }

@@ -30,8 +30,9 @@ struct Expected {
 impl Expected {
     fn pose(&self, time: Instant) -> Result<(), Refusal> {
         let ownship = self.ownship.ok_or(Refusal::NoOwnship)?;
-        let apart_us = |heard: Instant| time.0.abs_diff(heard.0);
-        if apart_us(ownship.position_time) > 300_000 || apart_us(ownship.attitude_time) > 300_000 {
+        let attitude_us = ownship.attitude_time.0;
+        let has_yaw = (attitude_us.saturating_sub(300_000)..=attitude_us + 150_000).contains(&time.0);
+        if time.0.abs_diff(ownship.position_time.0) > 300_000 || !has_yaw {
             return Err(Refusal::TimesApart);
         }
         Ok(())
