@@ -232,6 +232,11 @@ impl State {
         self.given_up
     }
 
+    #[cfg(test)]
+    pub(super) fn give_up(&mut self) {
+        self.given_up = true;
+    }
+
     /// A path that is found only for a moment now and then does not count: time on a path is subtracted from the time
     /// without one.
     fn follow(&mut self, now: Instant) {

@@ -183,6 +183,8 @@ pub struct Guidance<const N: usize> {
 }
 
 #[cfg(test)]
+mod arriving;
+#[cfg(test)]
 mod taken;
 #[cfg(test)]
 mod tests;

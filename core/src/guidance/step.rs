@@ -159,8 +159,10 @@ impl<const N: usize> Guidance<N> {
         if let Some(look_ned_rad) = state.control.look_ned_rad {
             demand.yaw_rate_radps = track::turn_to(look_ned_rad, situation.yaw_rad);
         }
-        // In a descent it does not give way; a hover has the time.
-        let evades = ends == Some(Outcome::HandedOver);
+        // On the way down it does not give way.
+        let stage = state.arrival.advice.map(|advice| advice.stage);
+        let evades =
+            !matches!(stage, Some(landing::Stage::Descending | landing::Stage::Committed | landing::Stage::Landed));
         let (setpoint, guard) = self.command(state, &demand, situation, evades);
         let progress = match guard {
             _ if !demand.velocity_ned_mps.is_finite() => Progress::NotFinite,
@@ -217,7 +219,11 @@ impl<const N: usize> Guidance<N> {
     fn land(&self, state: &mut State<N>, input: &Input<'_, N>, bearing: Option<&Bearing>) {
         let Some(lander) = &self.lander else { return };
         let was_landing = is_landing(state);
-        if input.control != Control::Granted && !(input.is_landed && is_landing(state)) {
+        if input.control != Control::Granted && !(input.is_landed && was_landing) {
+            return;
+        }
+        // What was given up is not begun again, whatever comes into view.
+        if state.mission.has_given_up() && !was_landing {
             return;
         }
         let (now, ownship) = (input.now, input.ownship.as_ref());
