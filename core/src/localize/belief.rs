@@ -48,6 +48,7 @@ pub struct State {
     link: link_state::State,
     /// Probability that the link is reflected, as of the last bearing.
     reflected: f32,
+    indirect: f32,
     bank: bank::State,
     /// The bank's last answer.
     answer: Option<Answer>,
@@ -146,6 +147,7 @@ impl Localizer {
         // A bearing made elsewhere has no information about its waves.
         if bearing_ned_rad.is_some() && bearing.quality.coherence.is_none() {
             state.reflected = 0.0;
+            state.indirect = 0.0;
             return;
         }
         let place_ned_m = ownship.position_ned_m.horizontal();
@@ -154,7 +156,9 @@ impl Localizer {
             (walls, Some(bearing_ned_rad)) => Sightline::among(walls, place_ned_m, bearing_ned_rad, self.slack_m),
         };
         let features = link_state::Features { place_ned_m, bearing, bearing_ned_rad, sightline };
-        state.reflected = CLASSIFIER.step(&mut state.link, &features).reflected(REFLECTED_PRIOR);
+        let estimate = CLASSIFIER.step(&mut state.link, &features);
+        state.reflected = estimate.reflected(REFLECTED_PRIOR);
+        state.indirect = estimate.indirect(REFLECTED_PRIOR);
     }
 
     /// Sighting -> filters.
@@ -187,7 +191,7 @@ impl State {
     /// the link is probably reflected, though the filters know of no line that reflects it.
     #[must_use]
     pub fn direct(&self) -> Option<Estimate> {
-        let answer = self.answer.filter(|answer| answer.path == Path::Direct && !self.is_reflected())?;
+        let answer = self.answer.filter(|answer| answer.path == Path::Direct && self.indirect < bank::REFLECTED_MIN)?;
         Some(answer.estimate.scaled(answer.nis))
     }
 
@@ -222,6 +226,7 @@ impl State {
     /// The link is direct, since nothing is known about it.
     pub fn assume_direct(&mut self) {
         self.reflected = 0.0;
+        self.indirect = 0.0;
     }
 
     /// The position has jumped: the fix of the last metres is shifted.

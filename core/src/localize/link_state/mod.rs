@@ -123,6 +123,14 @@ impl Estimate {
         let [direct, first, ..] = self.probabilities;
         if self.state == LinkState::None { 0.0 } else { prior * first / (prior * first + direct + 1e-6) }
     }
+
+    /// The probability that the bearing is that of one or more reflections.
+    #[must_use]
+    pub fn indirect(&self, prior: f32) -> f32 {
+        let [direct, first, higher, _] = self.probabilities;
+        let away = prior * (first + higher);
+        if self.state == LinkState::None { 0.0 } else { away / (away + direct + 1e-6) }
+    }
 }
 
 /// The classifier.
