@@ -12,7 +12,7 @@ use crate::dialect::{
 };
 
 /// Batteries that are distinguished; those with higher numbers count as the last one.
-const BATTERIES: usize = 4;
+const BATTERIES: usize = 10;
 /// A switch whose messages stop for this long is off.
 const SWITCH_AGE_MAX_S: f32 = 2.0;
 /// Pulses of a transmitter are between these; anything else is no signal.

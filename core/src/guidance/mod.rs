@@ -157,6 +157,20 @@ pub struct Output {
     pub trace_hash: u64,
 }
 
+impl Output {
+    /// Whether the vehicle holds until the mode is entered again.
+    #[must_use]
+    pub fn is_final(&self) -> bool {
+        match self.outcome {
+            Outcome::GoalUnreachable | Outcome::HandedOver => true,
+            Outcome::StaleOwnship => {
+                matches!(self.stale, Some(Stale::VelocityContradicts | Stale::PositionFrozen))
+            }
+            _ => false,
+        }
+    }
+}
+
 /// The configured fast loop.
 #[derive(Clone, Debug)]
 pub struct Guidance<const N: usize> {

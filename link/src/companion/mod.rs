@@ -64,10 +64,10 @@ pub const TYPE_MASK: u16 = 0x05C7;
 pub const TYPE_MASK_YAW: u16 = 0x09C7;
 /// Time from setpoint to setpoint.
 pub const SETPOINT_PERIOD_MS: u16 = 50;
-/// A published setpoint faster than this is a fault and replaced by zero velocity.
-pub const SPEED_MAX_MPS: f32 = 20.0;
-/// A published setpoint that turns faster than this is a fault and replaced by zero velocity.
-pub const YAW_RATE_MAX_RADPS: f32 = 4.0;
+/// A published setpoint faster than this, and than any parameter allows, is a fault and replaced by zero velocity.
+pub const SPEED_MAX_MPS: f32 = 21.0;
+/// The same of its yaw rate.
+pub const YAW_RATE_MAX_RADPS: f32 = 6.4;
 
 const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
 const TIMESYNC_PERIOD_US: u32 = 1_000_000;
@@ -184,6 +184,8 @@ pub struct Companion {
     autopilot: Option<Autopilot>,
     store_damaged: bool,
     entry_needed: bool,
+    /// Guidance holds until the mode is entered again, or did so before it was held by us.
+    has_ended: bool,
     /// Our program was ended by a fault, and the vehicle has not been disarmed since.
     has_crashed: bool,
     paused: bool,
@@ -198,7 +200,7 @@ pub struct Companion {
     /// Sum of its jumps in the last second.
     jumped_m: f32,
     attitude: Option<Attitude>,
-    origin: Option<[i32; 3]>,
+    origin: Option<[i32; 2]>,
     reset_counter: Option<u8>,
     /// Guidance gets no ownship until then.
     settled_at: Instant,
@@ -263,6 +265,7 @@ impl Companion {
             autopilot: None,
             store_damaged: false,
             entry_needed: false,
+            has_ended: false,
             has_crashed: false,
             paused: false,
             paused_aboard: false,
@@ -489,6 +492,11 @@ impl Companion {
             self.insane_since.get_or_insert(now);
             Setpoint::default()
         };
+        if output.is_final() {
+            self.has_ended = true;
+        } else if output.outcome.behaviour() == Behaviour::Follow {
+            self.has_ended = false;
+        }
         let wants_land = output.landing.is_some_and(|landing| landing.wants_land);
         self.published = Some(Published { time: now, setpoint, outcome: output.outcome, wants_land });
         self.report(output);
@@ -528,7 +536,8 @@ impl Companion {
         let Some(autopilot) = self.autopilot else {
             return;
         };
-        if matches!(cause, Cause::Unfit | Cause::LinkLost) && autopilot.obeys() {
+        let is_held = !matches!(cause, Cause::None | Cause::OwnshipLost);
+        if autopilot.obeys() && (matches!(cause, Cause::Unfit | Cause::LinkLost) || (is_held && self.has_ended)) {
             self.entry_needed = true;
         }
         if cause != Cause::None {

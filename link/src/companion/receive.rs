@@ -6,7 +6,7 @@ use foxhound_core::base::units::sin_cos;
 use foxhound_core::guidance::mission::Control;
 use foxhound_core::mapping::scan::{Frame, Points};
 
-use super::{Companion, ObstacleFrame, UNSETTLED_US, YAW_RATE_MAX_RADPS, count};
+use super::{Companion, ObstacleFrame, UNSETTLED_US, count};
 use crate::MessageData;
 use crate::advice::Advice;
 use crate::autopilot::{Attitude, Autopilot, Position, Software};
@@ -18,6 +18,7 @@ use crate::dialect::{
     SETUP_SIGNING_DATA, TIMESYNC_DATA,
 };
 use crate::framer::{Content, Header};
+use crate::health::Health;
 use crate::obstacles::{self, Reading, Return};
 use crate::params::Params;
 use crate::requests::{WISHES, Wish};
@@ -36,6 +37,10 @@ const JUMP_MIN_M: f32 = 0.4;
 const JUMPS_S: f32 = 1.0;
 /// A yaw rate may change by this between two messages.
 const YAW_RATE_MARGIN_RADPS: f32 = 2.0;
+/// So fast a vehicle may turn of which no yaw rate is reported.
+const YAW_RATE_UNTOLD_RADPS: f32 = 4.0;
+/// An origin that moves by no more than this, some 0.1 m, is the same.
+const ORIGIN_MOVES_DEGE7: u32 = 9;
 /// Messages of one autopilot may overtake each other by less than this; a larger step back is a restart.
 const BOOT_CLOCK_SLACK_MS: u32 = 1_000;
 /// The clock has wrapped, and the autopilot has not restarted, if no more than this was missed.
@@ -134,6 +139,16 @@ impl Companion {
         };
         let was_silent = match &self.autopilot {
             Some(known) if known.sent(header) => is_over(now, known.heard, self.config.heartbeat_timeout_s),
+            // What cannot be commanded was none, and one that is gone while it was disarmed is not waited for.
+            Some(known)
+                if (known.software == Software::Other && autopilot.software != Software::Other)
+                    || (!known.armed && is_over(now, known.heard, self.config.silence_after_s)) =>
+            {
+                self.telemetry.warn("Foxhound: follows another autopilot");
+                self.forget_autopilot();
+                (self.boot_ms, self.health) = (None, Health::new());
+                true
+            }
             Some(_) => {
                 if self.counters.foreign_heartbeats == 0 {
                     self.telemetry.warn("Foxhound: ignores a second autopilot");
@@ -146,11 +161,12 @@ impl Companion {
         self.has_crashed &= autopilot.armed;
         if !autopilot.obeys() {
             self.entry_needed &= self.may_reenter(autopilot.software);
+            self.has_ended = false;
             self.paused = false;
         } else if was_lost {
             self.entry_needed = true;
         }
-        let changed = self.autopilot.is_none_or(|known| known.software != autopilot.software);
+        let changed = self.autopilot.is_none_or(|known| known.software != autopilot.software || !known.sent(header));
         self.autopilot = Some(autopilot);
         if changed {
             self.advice = Advice::new();
@@ -219,11 +235,15 @@ impl Companion {
             }
             d::GPS_GLOBAL_ORIGIN_DATA::ID => {
                 let origin: d::GPS_GLOBAL_ORIGIN_DATA = content.read();
-                let origin = [origin.latitude, origin.longitude, origin.altitude];
-                if self.origin.replace(origin).is_some_and(|last| last != origin) {
+                let origin = [origin.latitude, origin.longitude];
+                // An altitude that drifts, or a last digit, is no new origin; a position that jumps tells so itself.
+                let is_elsewhere = |last: [i32; 2]| (0..2).any(|k| origin[k].abs_diff(last[k]) > ORIGIN_MOVES_DEGE7);
+                if self.origin.is_some_and(is_elsewhere) {
                     self.continuity.expect_new(false);
                     self.unsettle();
+                    self.origin = Some(origin);
                 }
+                self.origin.get_or_insert(origin);
             }
             d::ODOMETRY_DATA::ID => {
                 let resets = content.read::<d::ODOMETRY_DATA>().reset_counter;
@@ -257,6 +277,9 @@ impl Companion {
     #[inline(never)]
     fn on_position(&mut self, content: &Content) {
         let message: d::LOCAL_POSITION_NED_DATA = content.read();
+        if self.position.is_some_and(|last| was_overtaken(message.time_boot_ms, last.time_boot_ms)) {
+            return count(&mut self.counters.rejected);
+        }
         let made = self.made(Stamped::Position, message.time_boot_ms);
         let Some(position) = Position::from_message(made, &message) else { return count(&mut self.counters.rejected) };
         if let Some(last) = &self.position {
@@ -298,6 +321,9 @@ impl Companion {
     #[inline(never)]
     fn on_attitude(&mut self, heard: Option<Attitude>) {
         let Some(attitude) = heard else { return count(&mut self.counters.rejected) };
+        if self.attitude.is_some_and(|last| was_overtaken(attitude.time_boot_ms, last.time_boot_ms)) {
+            return count(&mut self.counters.rejected);
+        }
         if let Some(last) = &self.attitude {
             let dt_s = seconds_between((last.time_boot_ms, last.time), (attitude.time_boot_ms, attitude.time));
             let at_m = self.position.map_or_else(Default::default, |position| position.position_ned_m);
@@ -309,7 +335,7 @@ impl Companion {
                 // Between the two messages it may have been either rate, and a little more.
                 YAW_RATE_MARGIN_RADPS + 0.5 * libm::fabsf(attitude.yaw_rate_radps - last.yaw_rate_radps)
             } else {
-                YAW_RATE_MAX_RADPS
+                YAW_RATE_UNTOLD_RADPS
             };
             let turn = Turn { from_rad: last.yaw_rad, rate_radps, unknown_radps, to_rad: attitude.yaw_rad, dt_s };
             if self.continuity.follow_heading(turn, at_m).is_some() {
@@ -359,28 +385,34 @@ impl Companion {
             }
             count(&mut self.counters.reboots);
             self.telemetry.warn("Foxhound: autopilot has restarted");
-            self.continuity = Continuity::new();
-            self.clock = PeerClock::new();
-            self.position = None;
-            self.jumped_m = 0.0;
-            self.attitude = None;
-            self.world_is_lost = true;
-            self.landed_state = 0;
-            self.origin = None;
-            self.reset_counter = None;
-            self.usable_at = None;
-            self.ground = None;
-            self.turns.clear();
-            self.beams = Beams::new();
-            self.points = None;
-            // Whatever the mode was: only a heartbeat in another mode, received from now on, lifts it.
-            self.entry_needed = true;
-            if let Some(autopilot) = &mut self.autopilot {
-                autopilot.armed = false;
-            }
+            self.forget_autopilot();
             self.requests.restart(now);
         }
         self.boot_ms = Some(time_boot_ms);
+    }
+
+    /// Nothing counts that an autopilot sent before.
+    #[inline(never)]
+    fn forget_autopilot(&mut self) {
+        self.continuity = Continuity::new();
+        self.clock = PeerClock::new();
+        self.position = None;
+        self.jumped_m = 0.0;
+        self.attitude = None;
+        self.world_is_lost = true;
+        self.landed_state = 0;
+        self.origin = None;
+        self.reset_counter = None;
+        self.usable_at = None;
+        self.ground = None;
+        self.turns.clear();
+        self.beams = Beams::new();
+        self.points = None;
+        // Whatever the mode was: only a heartbeat in another mode, received from now on, lifts it.
+        self.entry_needed = true;
+        if let Some(autopilot) = &mut self.autopilot {
+            autopilot.armed = false;
+        }
     }
 
     #[inline(never)]
@@ -558,6 +590,11 @@ impl Companion {
 pub(super) fn landed(landed_state: u8) -> Option<bool> {
     (landed_state != MavLandedState::MAV_LANDED_STATE_UNDEFINED as u8)
         .then_some(landed_state == MavLandedState::MAV_LANDED_STATE_ON_GROUND as u8)
+}
+
+/// Whether a later message of the autopilot was received before: by its clock, which is not set back by a restart.
+fn was_overtaken(time_boot_ms: u32, last_ms: u32) -> bool {
+    (1..=BOOT_CLOCK_SLACK_MS).contains(&last_ms.saturating_sub(time_boot_ms))
 }
 
 /// By the autopilot's clock, or by ours where that stands still; never negative.

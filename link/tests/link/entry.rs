@@ -1,6 +1,7 @@
 //! After every restart, of the autopilot or of ourselves, nothing moves before the mode is entered afresh.
 
-use foxhound_core::guidance::mission::Control;
+use foxhound_core::base::ownship::Stale;
+use foxhound_core::guidance::mission::{Control, Outcome};
 use foxhound_link::companion::Config;
 use foxhound_link::dialect::*;
 use foxhound_link::failsafe::Cause;
@@ -113,4 +114,46 @@ fn whatever_order_heartbeats_and_restarts_come_in_nothing_moves_without_a_fresh_
         assert_eq!(bench.companion.control(bench.now()), Control::Granted, "seed {seed}");
     }
     assert!(granted > 5_000 && refused > 20_000 && restarts > 5_000, "{granted} {refused} {restarts}");
+}
+
+#[test]
+fn what_guidance_has_ended_is_not_begun_again_by_a_hold_of_ours() {
+    let pause = |param1| {
+        MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+            command: MavCmd::MAV_CMD_DO_PAUSE_CONTINUE as u16,
+            param1,
+            target_system: AUTOPILOT.0,
+            target_component: 191,
+            ..COMMAND_LONG_DATA::DEFAULT
+        })
+    };
+    let ends = [
+        (Outcome::GoalUnreachable, None, true),
+        (Outcome::HandedOver, None, true),
+        (Outcome::StaleOwnship, Some(Stale::VelocityContradicts), true),
+        (Outcome::StaleOwnship, Some(Stale::PositionOld), false),
+        (Outcome::Nominal, None, false),
+        (Outcome::NoSignal, None, false),
+    ];
+    for (outcome, stale, is_final) in ends {
+        let mut bench = Bench::flying();
+        bench.run(1.0);
+        let last = output([0.0; 3], 0.0);
+        bench.output = Some(foxhound_core::guidance::Output { outcome, stale, ..last });
+        bench.run(1.0);
+        assert_eq!(bench.companion.cause(bench.now()), Cause::None, "{outcome:?}");
+        // The vehicle is held for another reason, and guidance is out of control.
+        bench.say(&pause(0.0));
+        bench.output = Some(foxhound_core::guidance::Output { outcome: Outcome::NotInControl, ..last });
+        bench.run(0.1);
+        bench.say(&pause(1.0));
+        bench.run(1.0);
+        let cause = if is_final { Cause::EntryNeeded } else { Cause::None };
+        assert_eq!(bench.companion.cause(bench.now()), cause, "{outcome:?}");
+        bench.heartbeat = Some(heartbeat(ARDUPILOT, 5, ARMED));
+        bench.run(1.5);
+        bench.heartbeat = Some(heartbeat(ARDUPILOT, GUIDED, ARMED));
+        bench.run(1.5);
+        assert_eq!(bench.companion.cause(bench.now()), Cause::None, "{outcome:?}");
+    }
 }

@@ -510,12 +510,12 @@ fn warnings_do_not_hide_what_we_do() {
     let mut flight = Flight::of(ARDUPILOT);
     flight.run(2.0);
     flight.bench.take_sent();
-    let origin = |altitude| {
-        MavMessage::GPS_GLOBAL_ORIGIN(GPS_GLOBAL_ORIGIN_DATA { altitude, ..GPS_GLOBAL_ORIGIN_DATA::DEFAULT })
+    let origin = |latitude| {
+        MavMessage::GPS_GLOBAL_ORIGIN(GPS_GLOBAL_ORIGIN_DATA { latitude, ..GPS_GLOBAL_ORIGIN_DATA::DEFAULT })
     };
     flight.bench.say(&battery(0, 3, 5));
     for flap in 0..6 {
-        flight.bench.say(&origin(flap));
+        flight.bench.say(&origin(100 * flap));
         flight.run(0.6);
     }
     let told: Vec<String> = texts(&mut flight.bench).into_iter().map(|(_, text)| text).collect();

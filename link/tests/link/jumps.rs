@@ -67,11 +67,19 @@ fn a_turn_of_the_heading_turns_the_setpoints_and_not_what_guidance_knows() {
 #[test]
 fn announced_resets_count_however_small_they_are() {
     let odometry = |reset_counter| MavMessage::ODOMETRY(ODOMETRY_DATA { reset_counter, ..ODOMETRY_DATA::DEFAULT });
-    let origin = |altitude| {
-        MavMessage::GPS_GLOBAL_ORIGIN(GPS_GLOBAL_ORIGIN_DATA { altitude, ..GPS_GLOBAL_ORIGIN_DATA::DEFAULT })
+    let origin = |latitude, altitude| {
+        let data = GPS_GLOBAL_ORIGIN_DATA { latitude, altitude, ..GPS_GLOBAL_ORIGIN_DATA::DEFAULT };
+        MavMessage::GPS_GLOBAL_ORIGIN(data)
     };
     let mut flight = Flight::of(PX4);
-    for (count, announce) in [(0, odometry(3)), (0, origin(5)), (1, odometry(4)), (2, origin(6)), (2, odometry(4))] {
+    for (count, announce) in [
+        (0, odometry(3)),
+        (0, origin(5, 0)),
+        (1, odometry(4)),
+        (2, origin(15, 0)),
+        (2, odometry(4)),
+        (2, origin(14, 900)),
+    ] {
         let before = flight.bench.companion.ownship().unwrap().position_ned_m;
         flight.bench.say(&announce);
         if flight.bench.companion.counters().jumps > 0 && count != 2 {
@@ -139,4 +147,27 @@ fn ownship_that_contradicts_itself_is_told_by_its_name_and_once() {
         (output.outcome, output.stale) = (Outcome::StaleOwnship, Some(stale));
         assert_eq!(flight.texts(20.0), [text]);
     }
+}
+
+#[test]
+fn a_message_that_a_later_one_has_overtaken_is_dropped() {
+    let mut bench = Bench::flying();
+    bench.run(0.1);
+    let place = |time_boot_ms: u32| {
+        let x = time_boot_ms as f32 * 1e-3;
+        let data = LOCAL_POSITION_NED_DATA { time_boot_ms, x, vx: 1.0, ..LOCAL_POSITION_NED_DATA::DEFAULT };
+        MavMessage::LOCAL_POSITION_NED(data)
+    };
+    for step in 0..200_u32 {
+        bench.say(&place(10_000 + 20 * step));
+        bench.say(&attitude(10_000 + 20 * step, 0.5));
+        if step == 100 {
+            bench.say(&place(10_000 + 20 * step - 300));
+            bench.say(&attitude(10_000 + 20 * step - 300, -0.5));
+        }
+        bench.step(20_000);
+    }
+    assert_eq!((bench.companion.counters().jumps, bench.companion.counters().rejected), (0, 2));
+    let ownship = bench.companion.ownship().unwrap();
+    assert!((ownship.position_ned_m.north - 13.98).abs() < 1e-3 && (ownship.yaw_rad - 0.5).abs() < 1e-6);
 }

@@ -3,6 +3,7 @@
 use foxhound_core::guidance::mission::{Control, Outcome};
 use foxhound_link::companion::{Config, Software};
 use foxhound_link::dialect::*;
+use foxhound_link::failsafe::Cause;
 
 use crate::bench::*;
 
@@ -73,6 +74,46 @@ fn the_first_vehicle_is_latched_and_all_others_are_ignored() {
         if let MavMessage::SET_POSITION_TARGET_LOCAL_NED(setpoint) = sent.message {
             assert_eq!((setpoint.target_system, setpoint.target_component), (42, 1));
         }
+    }
+}
+
+#[test]
+fn a_script_that_calls_itself_a_generic_autopilot_gives_way_to_the_real_one() {
+    let mut bench = Bench::new(Config::default());
+    bench.say_as((255, 0), &MavMessage::HEARTBEAT(HEARTBEAT_DATA::DEFAULT));
+    bench.run(0.2);
+    bench.heartbeat = Some(heartbeat(ARDUPILOT, GUIDED, ARMED));
+    bench.output = Some(output([1.0, 0.0, 0.0], 0.0));
+    bench.run(1.0);
+    assert_eq!(bench.companion.autopilot().map(|autopilot| autopilot.system_id), Some(1));
+    assert_eq!(bench.companion.cause(bench.now()), Cause::EntryNeeded, "it was in the mode before it was known");
+    bench.heartbeat = Some(heartbeat(ARDUPILOT, 0, ARMED));
+    bench.run(1.0);
+    bench.heartbeat = Some(heartbeat(ARDUPILOT, GUIDED, ARMED));
+    for _ in 0..3 {
+        bench.say_as((255, 0), &MavMessage::HEARTBEAT(HEARTBEAT_DATA::DEFAULT));
+        bench.run(1.0);
+    }
+    assert_eq!(bench.companion.cause(bench.now()), Cause::None, "and it is ignored from then on");
+}
+
+#[test]
+fn a_vehicle_that_is_gone_while_it_was_disarmed_is_not_waited_for_and_an_armed_one_is() {
+    for (base_mode, followed) in [(DISARMED, 7), (ARMED, 1)] {
+        let mut bench = Bench::new(Config::default());
+        bench.say(&MavMessage::HEARTBEAT(heartbeat(ARDUPILOT, GUIDED, base_mode)));
+        bench.say(&position(60_000));
+        for second in 0..10 {
+            bench.say_as((7, 1), &MavMessage::HEARTBEAT(heartbeat(ARDUPILOT, GUIDED, DISARMED)));
+            let system_id = bench.companion.autopilot().map(|autopilot| autopilot.system_id);
+            assert_eq!(system_id, Some(if second > 5 { followed } else { 1 }), "after {second} s");
+            bench.run(1.0);
+        }
+        bench.say_as((7, 1), &MavMessage::HEARTBEAT(heartbeat(ARDUPILOT, GUIDED, ARMED)));
+        bench.say_as((7, 1), &position(1_000));
+        assert_eq!(bench.companion.counters().reboots, 0, "it has a clock of its own");
+        let granted = bench.companion.control(bench.now()) == Control::Granted;
+        assert_eq!(granted, followed == 7);
     }
 }
 

@@ -3,6 +3,7 @@
 use foxhound_core::base::error::Why;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::mission::Control;
+use foxhound_core::guidance::param::TABLE;
 use foxhound_link::companion::{Config, Yaw};
 use foxhound_link::dialect::*;
 
@@ -85,7 +86,7 @@ fn a_setpoint_that_is_not_finite_or_absurd_becomes_zero_and_is_counted() {
         ([0.0, f32::INFINITY, 0.0], 0.0),
         ([0.0, 0.0, f32::NEG_INFINITY], 0.0),
         ([1.0, 0.0, 0.0], f32::NAN),
-        ([1.0, 0.0, 0.0], -4.1),
+        ([1.0, 0.0, 0.0], -6.5),
         ([15.0, 15.0, 0.0], 0.0),
         ([f32::MAX, f32::MAX, f32::MAX], 0.0),
     ];
@@ -97,6 +98,17 @@ fn a_setpoint_that_is_not_finite_or_absurd_becomes_zero_and_is_counted() {
         assert_eq!(velocity(&bench.setpoints()[0].1), ZERO, "{velocity_ned:?} {yaw_rate}");
         assert_eq!(bench.companion.counters().setpoint_faults, index as u32 + 1);
     }
+}
+
+#[test]
+fn what_the_parameters_allow_is_sent() {
+    let most = |name: &str| TABLE.iter().find(|row| row.name == name).unwrap().max;
+    let speed_mps = most("FH_SPD_MAX").max(most("FH_SPD_EVADE"));
+    let fastest = [speed_mps, 0.0, most("FH_SPD_Z_MAX"), most("FH_YAWR_MAX").max(most("FH_TURN_RATE"))];
+    let mut bench = Bench::flying();
+    bench.output = Some(output([fastest[0], fastest[1], fastest[2]], fastest[3]));
+    bench.run(1.0);
+    assert_eq!(bench.setpoints().last().map(|(_, setpoint)| velocity(setpoint)), Some(fastest));
 }
 
 #[test]

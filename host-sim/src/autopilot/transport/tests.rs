@@ -130,6 +130,23 @@ fn where_udp_listens_the_first_that_speaks_is_heard_and_later_only_the_same_syst
     assert_eq!(read(&mut here, 21), frame(1), "it has started anew, with another port");
 }
 
+#[test]
+fn an_autopilot_takes_the_place_of_a_ground_station_that_spoke_first() {
+    let port = free_port();
+    let mut here = Line::open(&format!("udp:127.0.0.1:{port}").parse().unwrap()).unwrap();
+    let at = || Line::open(&format!("udpout:127.0.0.1:{port}").parse().unwrap()).unwrap();
+    let (mut station, mut autopilot) = (at(), at());
+    station.write(&frame(66));
+    assert_eq!(read(&mut here, 21), frame(66));
+    autopilot.write(&frame(1));
+    assert_eq!(read(&mut here, 21), frame(1));
+    here.write(&frame(2));
+    assert_eq!(read(&mut autopilot, 21), frame(2));
+    station.write(&frame(66));
+    std::thread::sleep(Duration::from_millis(50));
+    assert!(here.read().is_empty());
+}
+
 /// A port that was free a moment ago.
 fn free_port() -> u16 {
     std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()

@@ -1,6 +1,7 @@
-//! UDP. One peer at a time: the first that speaks MAVLink, until it has been silent for a while. Then the companion's end takes
-//! another only where it speaks as the same system: an autopilot that has started anew, with another port. Who is called answers
-//! from its own address.
+//! UDP. One peer at a time: the first that speaks MAVLink, until it has been silent for a while. An autopilot takes the place of a
+//! peer through which none has been heard, as of a ground station. Once an autopilot has been heard, the companion's end takes another peer
+//! only where it begins with a frame of the same system: an autopilot or a router that has started anew, with another port. Who is
+//! called answers from its own address.
 
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs as _, UdpSocket};
@@ -11,6 +12,8 @@ use super::stream::frame_length;
 
 /// A peer that was silent for so long may be replaced by another one: it may have started anew with another port.
 const SILENT_AFTER: Duration = Duration::from_secs(3);
+/// `MAV_COMP_ID_AUTOPILOT1`.
+const AUTOPILOT: u8 = 1;
 /// Most datagrams that one call reads.
 const READ_MAX: usize = 1024;
 
@@ -21,7 +24,7 @@ pub(super) struct Udp {
     home: Option<SocketAddr>,
     /// Who spoke last, and when.
     peer: Option<(SocketAddr, Instant)>,
-    /// The system as which the first peer spoke, where no other is heard.
+    /// The system of the autopilot, once it has been heard.
     system: Option<u8>,
     is_loyal: bool,
     /// It was to listen.
@@ -100,16 +103,21 @@ impl Udp {
     }
 
     fn may_speak(&mut self, from: SocketAddr, datagram: &[u8]) -> bool {
-        if let Some(peer) = self.live_peer() {
-            return peer == from;
+        let (peer, sender) = (self.live_peer(), sender(datagram));
+        let autopilot = sender.filter(|(_, component)| *component == AUTOPILOT).map(|(system, _)| system);
+        let may = if peer == Some(from) {
+            true
+        } else if peer.is_some() && !(self.is_loyal && self.system.is_none() && autopilot.is_some()) {
+            false
+        } else {
+            let is_called = self.home.is_none_or(|home| home.ip() == from.ip() || is_open(home.ip()));
+            let is_known = |(system, _)| !self.is_loyal || self.system.is_none_or(|known| known == system);
+            is_called && sender.is_some_and(is_known)
+        };
+        if may && self.system.is_none() {
+            self.system = autopilot;
         }
-        let is_called = self.home.is_none_or(|home| home.ip() == from.ip() || is_open(home.ip()));
-        let Some(system) = system(datagram).filter(|_| is_called) else { return false };
-        if self.is_loyal && self.system.is_some_and(|known| known != system) {
-            return false;
-        }
-        self.system = Some(system);
-        true
+        may
     }
 
     fn live_peer(&self) -> Option<SocketAddr> {
@@ -126,12 +134,12 @@ fn is_open(address: IpAddr) -> bool {
     address.is_unspecified() || matches!(address, IpAddr::V4(address) if address.octets()[3] == u8::MAX)
 }
 
-/// As which system a datagram of MAVLink, of either version, speaks.
-fn system(datagram: &[u8]) -> Option<u8> {
-    match datagram.first()? {
-        0xFD => datagram.get(5),
-        0xFE => datagram.get(3),
-        _ => None,
-    }
-    .copied()
+/// As which system and component the first frame of a datagram of MAVLink, of either version, speaks.
+fn sender(datagram: &[u8]) -> Option<(u8, u8)> {
+    let at = match datagram.first()? {
+        0xFD => 5,
+        0xFE => 3,
+        _ => return None,
+    };
+    Some((*datagram.get(at)?, *datagram.get(at + 1)?))
 }
