@@ -107,7 +107,7 @@ fn guarded(draw: &mut Draw<'_>) -> Reached {
                 guard.note_circles(&mut state, &obstacles, &pose);
             }
             2 if draw.flag() => {
-                state.release();
+                state.release(draw.flag().then(|| draw.any(-20.0, 5.0)));
                 (last, last_change_mps, beats) = (Ned::default(), 0.0, beats + 1);
             }
             _ => {

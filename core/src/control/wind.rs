@@ -34,6 +34,8 @@ const BEGINNING: u8 = 5;
 const STANDING_MPS: f32 = 0.3;
 /// A lean that the vehicle may have without wind.
 const LEAN_MIN_RAD: f32 = 0.035;
+/// A measured excess above this is a gust: a steady wind that the vehicle leans against has none.
+const GUST_MPS: f32 = 0.1;
 
 /// Configuration of the gust margin.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -120,6 +122,8 @@ pub struct State {
     first_mps: Horizontal,
     second_mps: Horizontal,
     excess_mps: f32,
+    /// The same without the lean at the beginning.
+    measured_mps: f32,
     /// From 0, nothing has been seen, to 1.
     sure: f32,
     /// Steps in control, up to the end of the settling.
@@ -174,6 +178,7 @@ impl Estimator {
         let change = state.first_mps.minus(state.second_mps);
         state.second_mps = state.second_mps.plus(change.times(self.share));
         state.excess_mps *= self.stays;
+        state.measured_mps *= self.stays;
         // Only a new velocity is compared.
         let received_us = received.0 as u32;
         if state.since >= self.settling && received_us != state.received_us {
@@ -184,8 +189,17 @@ impl Estimator {
             if excess_mps > state.excess_mps {
                 state.excess_mps = excess_mps;
             }
+            if excess_mps > state.measured_mps {
+                state.measured_mps = excess_mps;
+            }
         }
         state.received_us = received_us;
+    }
+
+    /// Whether gusts have pushed the vehicle lately; a lean at the beginning alone only lets expect them.
+    #[must_use]
+    pub fn has_gusts(&self, state: &State) -> bool {
+        self.config.margin_s > 0.0 && state.measured_mps > GUST_MPS
     }
 
     /// The gust margin.

@@ -88,7 +88,13 @@ impl<const N: usize> Guidance<N> {
         let facts = self.mission_input(state, input, situation);
         let turning = self.turning.as_ref().filter(|turning| turning.is_used(&state.turning));
         let mission = turning.map_or(&self.mission, |turning| &turning.mission);
-        let outcome = mission.admit(&mut state.mission, &facts);
+        let mut outcome = mission.admit(&mut state.mission, &facts);
+        if outcome == Outcome::GoalUnreachable && state.belief.doubt_reflections() {
+            // It may have followed a reflection that was none. Once more, straight towards what is received.
+            state.mission = mission::State::default();
+            state.plans.end_active();
+            outcome = Outcome::Nominal;
+        }
         let stale = mission.stale(&facts).filter(|_| outcome == Outcome::StaleOwnship);
         // It turns to receive a signal, not for any other reason to hold.
         let turning = turning.filter(|_| matches!(outcome, Outcome::Nominal | Outcome::NoSignal | Outcome::Ambiguous));
@@ -208,6 +214,7 @@ impl<const N: usize> Guidance<N> {
             yaw_rad: ownship.yaw_rad,
             delay_s: self.vehicle_model.delay_s(),
             gust_margin_m: self.wind.margin_m(&state.vehicle.wind),
+            has_gusts: self.wind.has_gusts(&state.vehicle.wind),
             is_evading: false,
             is_lost: false,
             down_m: state.vehicle.ownship.map(|ownship| ownship.position_ned_m.down),

@@ -146,6 +146,7 @@ pub(super) fn situation(draw: &mut Draw<'_>) -> GuardInput {
         gust_margin_m: if draw.flag() { 0.0 } else { draw.between(0.0, 0.6) },
         is_evading: draw.flag(),
         is_lost: draw.flag() && draw.flag() && draw.flag(),
+        has_gusts: draw.flag(),
     }
 }
 

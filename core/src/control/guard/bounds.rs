@@ -11,8 +11,12 @@ use crate::base::units::between;
 
 /// The number of obstacles considered in one step. Among more the vehicle is slowed, so that fewer can matter.
 pub const CLOSE_MAX: usize = 18;
-/// How often its speed is halved for that; if there are still too many it brakes.
-const HALVED_MAX: u8 = 3;
+/// How often its speed is halved for that at least, and until it is no faster than this; if there are still too many it
+/// brakes.
+const HALVED_MIN: u8 = 3;
+const SLOWEST_MPS: f32 = 0.125;
+/// Enough for any speed that is allowed.
+const HALVED_MAX: u8 = 8;
 /// Largest speed of moving away from a standing obstacle that is too close.
 const OUT_MPS: f32 = 0.3;
 /// The factor on that speed in gusts.
@@ -42,7 +46,10 @@ impl Guard {
         if input.is_evading && c.evade_max_mps > v_max_mps {
             v_max_mps = c.evade_max_mps;
         }
-        for _ in 0..=HALVED_MAX {
+        for halved in 0..=HALVED_MAX {
+            if halved > HALVED_MIN && 2.0 * v_max_mps <= SLOWEST_MPS {
+                break;
+            }
             // It is no slower than this before the next step.
             let command_mps = command_ned_mps.norm();
             let fastest_mps = if v_max_mps > command_mps { v_max_mps } else { command_mps };

@@ -108,6 +108,8 @@ pub struct GuardInput {
     pub delay_s: f32,
     /// The gust margin: the additional distance from standing obstacles.
     pub gust_margin_m: f32,
+    /// Whether such gusts have been measured, and are not only expected.
+    pub has_gusts: bool,
     /// The demand is the evader's: it does not wait until the nose has turned.
     pub is_evading: bool,
     /// The position is not to be trusted: it brakes, since it cannot know what it would keep clear of.
@@ -346,12 +348,19 @@ impl Guard {
             return Some((tried, action, unseen));
         }
         let action = if unseen.is_some() { Action::Looking } else { Action::Limited };
-        // Making way does not wait until the nose has turned.
+        // Making way does not wait until the nose has turned; more space for gusts that are only expected does.
         if is_threatened || input.gust_margin_m > 0.0 {
             let still = Horizontal::default();
             let retreat = nearest_allowed(still, &half_spaces).or_else(|| evened_out(still, &mut half_spaces));
             let tried = self.approach(state, retreat.unwrap_or_default().clamped(v_max_mps), is_urgent, dt_s);
-            if self.is_clear(tried, input, near) && self.stays_inside(tried, input) {
+            let covered = if has_sensor && !is_threatened && !input.has_gusts {
+                self.path_coverage(&state.coverage, tried, input, near)
+            } else {
+                PathCover::Seen
+            };
+            if let PathCover::Unseen(direction) = covered {
+                unseen = Some(direction.bearing_rad());
+            } else if self.is_clear(tried, input, near) && self.stays_inside(tried, input) {
                 return Some((tried, action, unseen));
             }
         }
