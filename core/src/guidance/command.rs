@@ -101,6 +101,7 @@ impl<const N: usize> Guidance<N> {
         state.control.guard.release(state.vehicle.ownship.map(|ownship| ownship.position_ned_m.down));
         state.vehicle.wind.release();
         state.vehicle.agreement.release();
+        state.belief.trust_reflections();
         state.plans.is_searching = false;
         state.control.look_ned_rad = None;
         state.control.track = track::State::default();

@@ -40,6 +40,18 @@ pub struct Localizer {
     slack_m: f32,
 }
 
+/// What reflections have been good for since control was given.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Reflections {
+    /// None was assumed so far.
+    #[default]
+    None,
+    /// The link was taken for a reflection at least once.
+    Assumed,
+    /// That led nowhere: every link counts as direct.
+    Doubted,
+}
+
 /// The belief, kept from bearing to bearing.
 #[derive(Clone, Debug, Default)]
 pub struct State {
@@ -48,7 +60,9 @@ pub struct State {
     link: link_state::State,
     /// Probability that the link is reflected, as of the last bearing.
     reflected: f32,
+    /// Probability that it is reflected once or more often.
     indirect: f32,
+    reflections: Reflections,
     bank: bank::State,
     /// The bank's last answer.
     answer: Option<Answer>,
@@ -145,10 +159,9 @@ impl Localizer {
         walls: &[Wall],
     ) {
         // A bearing made elsewhere has no information about its waves.
-        if bearing_ned_rad.is_some() && bearing.quality.coherence.is_none() {
-            state.reflected = 0.0;
-            state.indirect = 0.0;
-            return;
+        let is_made_elsewhere = bearing_ned_rad.is_some() && bearing.quality.coherence.is_none();
+        if is_made_elsewhere || state.reflections == Reflections::Doubted {
+            return state.assume_direct();
         }
         let place_ned_m = ownship.position_ned_m.horizontal();
         let sightline = match (walls, bearing_ned_rad) {
@@ -159,6 +172,9 @@ impl Localizer {
         let estimate = CLASSIFIER.step(&mut state.link, &features);
         state.reflected = estimate.reflected(REFLECTED_PRIOR);
         state.indirect = estimate.indirect(REFLECTED_PRIOR);
+        if state.is_reflected() {
+            state.reflections = Reflections::Assumed;
+        }
     }
 
     /// Sighting -> filters.
@@ -221,6 +237,23 @@ impl State {
     pub fn vague(&self) -> Option<&Estimate> {
         let estimate = &self.answer.as_ref()?.estimate;
         (estimate.range_sigma_ratio > bank::RANGE_SIGMA_MAX).then_some(estimate)
+    }
+
+    /// The source could not be reached. If a reflection may have misled to it, all that was concluded from reflections is
+    /// forgotten, none is assumed any more, and this is true.
+    pub fn doubt_reflections(&mut self) -> bool {
+        let may_mislead = self.reflections == Reflections::Assumed;
+        if may_mislead {
+            self.reflections = Reflections::Doubted;
+            (self.bank, self.answer) = (bank::State::default(), None);
+            self.assume_direct();
+        }
+        may_mislead
+    }
+
+    /// Control was given back: reflections count again.
+    pub fn trust_reflections(&mut self) {
+        self.reflections = Reflections::None;
     }
 
     /// The link is direct, since nothing is known about it.
