@@ -61,7 +61,7 @@ const RESIDUAL_MAX_M: f32 = 0.018;
 /// Smallest accepted radius.
 const RADIUS_MIN_M: f32 = 0.05;
 /// Largest accepted radius; a wall becomes several circles.
-const RADIUS_MAX_M: f32 = 1.5;
+const RADIUS_MAX_M: f32 = 0.65;
 /// Largest sigma of a pillar's radius, as a share of the radius.
 const RADIUS_DOUBT_MAX: f32 = 0.15;
 /// Largest plausible range of a sensor, and distance of a hit.
