@@ -407,13 +407,14 @@ impl Estimator {
         for antenna in (0..self.beam.antennas()).filter(|antenna| !group.lives(*antenna)) {
             flags = flags.with(Flags::dead(antenna));
         }
-        let mirror_rad = self.beam.mirror_rad(peak.azimuth_rad);
+        let mirror_rad = peak.mirror_rad;
+        let is_lame = mirror_rad.is_some() && peak.antennas < self.beam.antennas();
         let rivals = self.rivals(&peak, group.variance);
         let is_sure = is_enough(group.good);
         let others = rivals.saturating_add(if is_sure { 0 } else { group.open });
         bearing.azimuth_rad = peak.azimuth_rad;
         bearing.sigma_rad = self.sigma_rad(&peak, group);
-        bearing.valid = rivals == 0 && is_sure && bearing.sigma_rad < SIGMA_USELESS_RAD;
+        bearing.valid = rivals == 0 && !is_lame && is_sure && bearing.sigma_rad < SIGMA_USELESS_RAD;
         if !bearing.valid || mirror_rad.is_some() {
             flags = flags.with(Flags::AMBIGUOUS);
         }

@@ -44,6 +44,9 @@ pub const REACH_MAX_WAVELENGTHS: f32 = 3.0;
 const APART_MIN_WAVELENGTHS: f32 = 0.02;
 /// Most directions that are counted beside the best.
 pub const RIVALS: usize = 8;
+/// Antennas are on a line if the product of their two moments is less than this share of the squared sum: an array ten times as
+/// long as wide tells hardly more.
+const LINE: f32 = 1e-2;
 /// How near to the mirror image a peak must be to be it, in steps of the table.
 const MIRROR_STEPS: f32 = 1.5;
 
@@ -70,8 +73,6 @@ pub struct Beam {
     /// How many directions of the table are in use, and from one to the next.
     directions: usize,
     step_rad: f32,
-    /// Direction of the line that the antennas are on, if they are.
-    line_rad: Option<f32>,
 }
 
 /// Where the beam hears most.
@@ -87,6 +88,8 @@ pub struct Peak {
     pub sensitivity: f32,
     /// Antennas that take part.
     pub antennas: usize,
+    /// The direction that fits as well, if those are on a line.
+    pub mirror_rad: Option<f32>,
 }
 
 /// A bearing, and what else it may be.
@@ -133,7 +136,7 @@ impl Config {
         let share = 1.0 / self.count as f32;
         let centre = antennas_m.iter().fold([0.0; 2], |[x, y], p| [x + share * p[0], y + share * p[1]]);
         let wavenumber = TAU / wavelength_m;
-        (beam.count, beam.reach, beam.line_rad) = (self.count, 0.0, None);
+        (beam.count, beam.reach) = (self.count, 0.0);
         beam.steering = [[0.0; 2]; ANTENNAS_MAX];
         for (k, (steering, p)) in beam.steering.iter_mut().zip(antennas_m).enumerate() {
             let from_centre_m = [p[0] - centre[0], p[1] - centre[1]];
@@ -147,11 +150,6 @@ impl Config {
                     return Err(ConfigError { field: "antennas_m", value: apart_m, why });
                 }
             }
-        }
-        let moments = beam.steering.iter().fold([0.0; 3], |[a, b, c], [x, y]| [a + x * x, b + x * y, c + y * y]);
-        let [xx, xy, yy] = moments;
-        if xx * yy - xy * xy < 1e-3 * (xx + yy) * (xx + yy) {
-            beam.line_rad = Some(0.5 * libm::atan2f(2.0 * xy, xx - yy));
         }
         let wanted = whole_below(TAU * beam.reach / STEP_RAD) as usize + 1;
         beam.directions = wanted.clamp(DIRECTIONS_MIN, DIRECTIONS);
@@ -179,7 +177,6 @@ impl Beam {
         table: [[Complex { re: 0.0, im: 0.0 }; ANTENNAS_MAX]; DIRECTIONS],
         directions: 0,
         step_rad: 0.0,
-        line_rad: None,
     };
 
     /// Number of antennas.
@@ -205,14 +202,24 @@ impl Beam {
     /// `antennas_m` on a line.
     pub fn refuse_line(&self) -> Result<(), ConfigError> {
         let why = Why::Inconsistent("antennas on a line: nothing tells a bearing from its mirror image");
-        self.line_rad.map_or(Ok(()), |_| Err(ConfigError { field: "antennas_m", value: self.count as f32, why }))
+        self.line_rad(|_| true)
+            .map_or(Ok(()), |_| Err(ConfigError { field: "antennas_m", value: self.count as f32, why }))
     }
 
-    /// The direction that an array on a line cannot tell from this one; none where the antennas are not on a line, and
+    /// Direction of the line that the antennas that are heard are on, if they are.
+    fn line_rad(&self, lives: impl Fn(usize) -> bool) -> Option<f32> {
+        let heard = || self.steering.iter().take(self.count).enumerate().filter(|(k, _)| lives(*k)).map(|(_, p)| *p);
+        let (count, sum) = heard().fold((0.0_f32, [0.0; 2]), |(n, [a, b]), [x, y]| (n + 1.0, [a + x, b + y]));
+        let [xx, xy, yy] = heard()
+            .map(|[x, y]| [x - sum[0] / count, y - sum[1] / count])
+            .fold([0.0; 3], |[a, b, c], [x, y]| [a + x * x, b + x * y, c + y * y]);
+        (xx * yy - xy * xy < LINE * (xx + yy) * (xx + yy)).then(|| 0.5 * libm::atan2f(2.0 * xy, xx - yy))
+    }
+
+    /// The direction that antennas on a line cannot tell from this one; none where those that are heard are not on a line, and
     /// along the line.
-    #[must_use]
-    pub fn mirror_rad(&self, azimuth_rad: f32) -> Option<f32> {
-        let mirror_rad = wrap_pi(2.0 * self.line_rad? - azimuth_rad);
+    fn mirror_rad(&self, azimuth_rad: f32, lives: impl Fn(usize) -> bool) -> Option<f32> {
+        let mirror_rad = wrap_pi(2.0 * self.line_rad(lives)? - azimuth_rad);
         (libm::fabsf(wrap_pi(mirror_rad - azimuth_rad)) > 1e-3).then_some(mirror_rad)
     }
 }

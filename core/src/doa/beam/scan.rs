@@ -166,16 +166,16 @@ impl Beam {
         let (azimuth_rad, most) = self.refined(heard, highest.0);
         let mut peak = Peak {
             azimuth_rad: wrap_pi(azimuth_rad),
+            mirror_rad: self.mirror_rad(wrap_pi(azimuth_rad), |antenna| heard.lives(antenna)),
             share: (most / total).min(1.0),
             rivals: [0.0; RIVALS],
             sensitivity: self.sensitivity(azimuth_rad, heard),
             antennas,
         };
-        let mirror_rad = self.mirror_rad(peak.azimuth_rad);
         let near_rad = MIRROR_STEPS * self.step_rad;
         let is_near = |a_rad: f32, b_rad: f32| libm::fabsf(wrap_pi(a_rad - b_rad)) < near_rad;
         for (other_rad, power) in found.into_iter().take(count) {
-            let is_mirror = mirror_rad.is_some_and(|mirror_rad| is_near(other_rad, mirror_rad));
+            let is_mirror = peak.mirror_rad.is_some_and(|mirror_rad| is_near(other_rad, mirror_rad));
             if !is_mirror && !is_near(other_rad, azimuth_rad) {
                 let power = if power > REFINED * most { self.refined(heard, other_rad).1 } else { power };
                 peak.note(power / total);

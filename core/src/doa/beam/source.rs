@@ -82,8 +82,10 @@ impl Source {
             sigma_rad = sqrt(sigma_rad * sigma_rad + SECOND_SIGMA_RAD * SECOND_SIGMA_RAD);
         }
         let rivals = rivals(&peak, samples);
-        let mirror_rad = beam.mirror_rad(peak.azimuth_rad);
-        bearing.valid = rivals == 0 && sigma_rad < SIGMA_USELESS_RAD;
+        let mirror_rad = peak.mirror_rad;
+        // An array that has become a line by its dead antennas was not meant as one.
+        let is_lame = mirror_rad.is_some() && peak.antennas < beam.antennas();
+        bearing.valid = rivals == 0 && !is_lame && sigma_rad < SIGMA_USELESS_RAD;
         if !bearing.valid || mirror_rad.is_some() {
             flags = flags.with(Flags::AMBIGUOUS);
         }
