@@ -16,7 +16,7 @@ use serde::Serialize;
 
 use super::radio::RadioArgs;
 use super::terminal::{say, show, stop_flag};
-use super::value::{number, whole};
+use super::value::{check_apart, number, whole};
 use super::{Cli, check_writable, json_line, write_text};
 
 /// Range of the duration.
@@ -62,6 +62,12 @@ struct Summary<'a> {
 }
 
 pub(super) fn listen(cli: &Cli, args: &ListenCommand) -> Result<ExitCode, InputError> {
+    // A recording of SigMF is two files, and FILE may be either.
+    let other = |extension| args.file.as_ref().map(|file| file.with_extension(extension));
+    let (meta, data) = (other("sigmf-meta"), other("sigmf-data"));
+    for file in [args.file.as_deref(), meta.as_deref(), data.as_deref()] {
+        check_apart(&[("FILE", file), ("--array", args.radio.array()), ("--out", Some(&args.out))])?;
+    }
     check_writable("--out", Some(&args.out))?;
     let page = match &args.file {
         Some(file) => {
