@@ -2,6 +2,7 @@
 
 mod belief;
 mod closed_loop;
+mod corners;
 mod gusts;
 mod landing;
 mod matrix;

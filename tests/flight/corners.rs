@@ -1,0 +1,74 @@
+//! Worlds in which it once hit something, or stayed where it was, each with waveforms and a scan of 90 degrees.
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use foxhound_core::doa::bearing::Estimator;
+use foxhound_core::planning::planner;
+use foxhound_sim::drive::computer::HostComputer;
+use foxhound_sim::drive::flight::{self, Ending, Mission};
+use foxhound_sim::scenario::Scenario;
+use foxhound_sim::study::seeds;
+use foxhound_tests::in_parallel;
+use serde_json::{Value, json};
+
+const FLIGHTS: u64 = 6;
+
+/// A row of pillars from place to place, so close that nothing gets through.
+fn row(from: [f64; 2], to: [f64; 2]) -> Vec<Value> {
+    let [along, across] = [to[0] - from[0], to[1] - from[1]];
+    let count = (along.hypot(across) / 0.14).ceil();
+    let at = |k: f64| json!({"x": from[0] + along * k / count, "y": from[1] + across * k / count, "r": 0.1});
+    (0..=count as u32).map(|k| at(f64::from(k))).collect()
+}
+
+/// Flies a world on held-out seeds; all must reach the beacon, without a collision.
+fn fly(world: &Value, obstacles: Vec<Value>) {
+    let mut all = json!({"start": [0, 0], "goal": [8, 0], "bounds": [-12, -8, 12, 8], "max_time_s": 120,
+        "sensor": {"model": "scan"}, "bearing": {"snr_db": 20}, "vehicle": {"model": "arducopter"}});
+    all["obstacles"] = Value::Array(obstacles);
+    all.as_object_mut().unwrap().extend(world.as_object().unwrap().clone());
+    let scenario = Scenario::parse(&all.to_string()).unwrap();
+    let seeds: Vec<u64> = seeds::test(FLIGHTS).collect();
+    let reports = in_parallel(&seeds, |seed| {
+        let (planner, estimator) = (planner::Config::default(), Estimator::CrossSpectrum);
+        let mission = Mission { scenario: scenario.clone(), seed: *seed, planner, estimator };
+        let mut computer = HostComputer::new(&mission.guidance()).unwrap();
+        flight::fly(&mission, &mut computer, None, |_| ()).unwrap().report
+    });
+    for (seed, report) in seeds.iter().zip(reports) {
+        assert!(report.result == Ending::Reached && report.collisions == Some(0), "seed {seed}: {report:?}");
+    }
+}
+
+#[test]
+fn a_steady_wind_does_not_make_it_back_into_what_it_has_not_seen() {
+    let pillar = |x: f64| json!({"x": x, "y": 0, "r": 0.2});
+    for wind_mps in [4.0, -4.0, 8.0] {
+        let world = json!({"wind": {"vx": wind_mps, "vy": 0, "gust_mps": 0}});
+        fly(&world, vec![pillar(0.55), pillar(-0.55)]);
+    }
+}
+
+#[test]
+fn a_weak_beacon_that_is_taken_for_a_mirror_image_is_reached_all_the_same() {
+    let u = [row([4.0, -1.0], [4.0, 1.0]), row([1.0, 1.0], [4.0, 1.0]), row([1.0, -1.0], [4.0, -1.0])].concat();
+    fly(&json!({"bearing": {"snr_db": 5}}), u);
+}
+
+#[test]
+fn a_fast_vehicle_leaves_a_narrow_box() {
+    let walls = [row([-1.0, 0.4], [0.4, 0.4]), row([0.4, 0.4], [0.4, -0.4]), row([-1.0, -0.4], [0.4, -0.4])].concat();
+    for v_max in [3.0, 8.0] {
+        fly(&json!({"limits": {"v_max": v_max}}), walls.clone());
+    }
+}
+
+#[test]
+fn a_curved_wall_is_not_a_pillar_with_the_beacon_inside() {
+    for radius_m in [0.7, 0.9, 1.1, 1.3] {
+        let place = |k: u32| {
+            let (sin, cos) = (std::f64::consts::FRAC_PI_2 + std::f64::consts::PI * f64::from(k) / 30.0).sin_cos();
+            json!({"x": radius_m * cos, "y": radius_m * sin, "r": 0.1})
+        };
+        fly(&json!({"start": [-6, 0], "goal": [0, 0]}), (0..=30).map(place).collect());
+    }
+}
