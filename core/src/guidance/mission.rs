@@ -17,7 +17,7 @@
 //! | `Uncalibrated` | no usable bearing for 1 s, the last one unusable for lack of a calibration | hold |
 //! | `Ambiguous` | the same, the last one because its direction was ambiguous | hold |
 //! | `NoSignal` | the same, for any other reason | hold; if `guidance::Config::explore` is set, search, then hold |
-//! | `GoalUnreachable` | no path for 15 s (time on a path is subtracted), or no progress beyond 1 m in 20 s; while a plan is late, or the vehicle holds for one of the reasons above, neither time runs; the first time reflections are left out instead, if any was assumed ([`crate::localize::belief`]) | hold until the mode is entered again |
+//! | `GoalUnreachable` | no path for 15 s (time on a path is subtracted), or no progress beyond 1 m in 20 s; while a plan is late, or the vehicle holds for one of the reasons above, neither time runs; the first time reflections are left out instead, if any was supposed ([`crate::localize::belief`]) | hold until the mode is entered again |
 //! | `Fault` | a stage reported an impossible value (a demand that is not finite) | hold |
 //! | `NoPath` | the planner answered with a brake plan | hold, request again every 0.5 s |
 //! | `PlanLate` | the plan has run out, or there is none, or it brakes or is braked, and the next one did not arrive in time | hold, request again at once |

@@ -43,11 +43,11 @@ pub struct Localizer {
 /// What reflections have been good for since control was given.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Reflections {
-    /// None was assumed so far.
+    /// None was supposed so far.
     #[default]
     None,
-    /// The link was taken for a reflection at least once.
-    Assumed,
+    /// The source of a reflection was among the hypotheses at least once.
+    Supposed,
     /// That led nowhere: every link counts as direct.
     Doubted,
 }
@@ -172,9 +172,6 @@ impl Localizer {
         let estimate = CLASSIFIER.step(&mut state.link, &features);
         state.reflected = estimate.reflected(REFLECTED_PRIOR);
         state.indirect = estimate.indirect(REFLECTED_PRIOR);
-        if state.is_reflected() {
-            state.reflections = Reflections::Assumed;
-        }
     }
 
     /// Sighting -> filters.
@@ -187,6 +184,9 @@ impl Localizer {
         let sure = |answer: &Answer| answer.mode == Mode::Go && answer.share > SURE;
         state.answer =
             answer.map(|answer| if sure(&answer) { answer } else { Answer { path: Path::Direct, ..answer } });
+        if state.bank.has_reflected() {
+            state.reflections = Reflections::Supposed;
+        }
     }
 }
 
@@ -242,7 +242,7 @@ impl State {
     /// The source could not be reached. If a reflection may have misled to it, all that was concluded from reflections is
     /// forgotten, none is assumed any more, and this is true.
     pub fn doubt_reflections(&mut self) -> bool {
-        let may_mislead = self.reflections == Reflections::Assumed;
+        let may_mislead = self.reflections == Reflections::Supposed;
         if may_mislead {
             self.reflections = Reflections::Doubted;
             (self.bank, self.answer) = (bank::State::default(), None);

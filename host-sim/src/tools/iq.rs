@@ -14,7 +14,7 @@ use std::path::Path;
 
 use foxhound_core::base::adc::ANTENNAS_MAX;
 use foxhound_core::base::time::Instant;
-use foxhound_core::doa::beam::{Arrival, Beam, Covariance, Source, Vector};
+use foxhound_core::doa::beam::{Arrival, Beam, Covariance, Source, Vector, can_tell};
 use foxhound_core::signal::phase::Complex;
 use num_complex::{Complex32, Complex64};
 use rustfft::FftPlanner;
@@ -196,12 +196,16 @@ pub(super) fn find_watched(
         ));
     }
     let mut estimator = Estimator::new(array, frames.samples, frames.is_real)?;
+    estimator.check_enough(looks)?;
     let mut lines = Vec::with_capacity(frames.count() / looks);
     for (frame, values) in frames.values.chunks_exact(frames.channels * frames.samples).enumerate() {
         estimator.add(values, &frames.means);
         if (frame + 1) % looks == 0 {
             watch(&estimator.covariance);
-            lines.push(ArrayLine::new(frame, None, &estimator.take(frame as u64)));
+            let mut line = ArrayLine::new(frame, None, &estimator.take(frame as u64));
+            // Without a band no frequency is measured.
+            line.line.freq_hz = line.line.freq_hz.filter(|_| estimator.band.bins.is_some());
+            lines.push(line);
         }
     }
     Ok(lines)
@@ -228,6 +232,21 @@ impl Estimator {
             covariance: Covariance::default(),
             centre: Centre::default(),
         })
+    }
+
+    /// Refuses a band so narrow that its bins in so many frames can tell no source from noise.
+    fn check_enough(&self, looks: usize) -> Result<(), InputError> {
+        let Some(bins) = &self.band.bins else { return Ok(()) };
+        let enough = |looks: usize| can_tell(self.beam.antennas(), (bins.len() * looks) as f32 * self.band.worth);
+        if enough(looks) {
+            return Ok(());
+        }
+        let needed = (looks..=100).find(|looks| enough(*looks)).unwrap_or(100);
+        let (bins, samples, antennas) = (bins.len(), self.samples, self.beam.antennas());
+        Err(InputError::new(format!(
+            "tone_band_hz: {bins} bins of {samples} samples cannot tell a source from noise with {antennas} antennas; a wider band, \
+             longer frames, or --looks {needed}"
+        )))
     }
 
     /// Takes a frame, channel after channel, less the mean of each channel.

@@ -1,11 +1,12 @@
 //! Bearings, spectrum and eigenvalues of the covariance of a recording, for `foxhound listen`.
 
+use std::fmt::Write as _;
 use std::path::Path;
 
 use foxhound_core::doa::beam::Covariance;
 use rustfft::FftPlanner;
 
-use super::bearings::ArrayLine;
+use super::bearings::{ArrayLine, refuse_left};
 use super::eigen;
 use super::iq::{self, Frames};
 use super::radio_array::RadioArray;
@@ -39,11 +40,15 @@ pub fn listen(path: &Path, array: &RadioArray, looks: usize) -> Result<Listened,
     let mut watch = |covariance: &Covariance| eigenvalues.push(eigen::values(covariance, array.beam.count));
     if array.switch.is_some() {
         let packets = Packets::read(path, None, array)?;
-        let (lines, _) = switched::find_watched(&packets, array, looks, |group| watch(&group.covariance()))?;
-        let taken = packets.taken().to_owned();
+        let (lines, left) = switched::find_watched(&packets, array, looks, |group| watch(&group.covariance()))?;
+        let mut taken = packets.taken().to_owned();
+        if left > 0 {
+            let _ = write!(taken, "; {left} packets make no group of {looks}");
+        }
         return Ok(Listened { lines, eigenvalues, spectrum: Vec::new(), band_hz: None, taken });
     }
     let frames = Frames::read(path, array)?;
+    refuse_left(frames.count() % looks, frames.count(), "frames", looks)?;
     let lines = iq::find_watched(&frames, array, looks, watch)?;
     let (spectrum, band_hz) = (spectrum(&frames, array.sample_rate_hz), array.band_hz);
     Ok(Listened { lines, eigenvalues, spectrum, band_hz, taken: frames.taken() })

@@ -27,7 +27,7 @@ mod source;
 
 pub use covariance::Covariance;
 pub use scan::Scan;
-pub use source::Source;
+pub use source::{Source, can_tell};
 
 /// One complex number for each antenna; zero where there is none.
 pub type Vector = [Complex; ANTENNAS_MAX];

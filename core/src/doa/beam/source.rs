@@ -97,6 +97,12 @@ impl Source {
     }
 }
 
+/// Whether so many independent samples can tell a source, however strong, from noise alone.
+#[must_use]
+pub fn can_tell(antennas: usize, samples: f32) -> bool {
+    ceiling(antennas as f32, samples) < antennas as f32
+}
+
 /// How large the largest eigenvalue of the covariance of noise alone is, over its mean, in one of a thousand.
 fn ceiling(antennas: f32, samples: f32) -> f32 {
     let (n, m) = (sqrt(antennas), sqrt(samples));

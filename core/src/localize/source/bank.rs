@@ -221,6 +221,12 @@ impl State {
         self.alive().count()
     }
 
+    /// Whether one of them explains what is received by a reflection.
+    #[must_use]
+    pub fn has_reflected(&self) -> bool {
+        self.alive().any(|hypothesis| hypothesis.path != Path::Direct)
+    }
+
     /// Gathers the places where the source may be, of all filters.
     pub fn support(&self, support: &mut Support) {
         support.clear();
