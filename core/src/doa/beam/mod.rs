@@ -6,7 +6,7 @@
 //!
 //! - Any plane geometry: where antennas are half a wavelength apart and more, other directions may fit as well. These
 //!   are counted, not refused: see [`Peak::rivals`].
-//! - On a **line** every direction has a mirror image that fits exactly: [`Beam::mirror_rad`].
+//! - On a **line** every direction has a mirror image that fits exactly: [`Peak::mirror_rad`].
 //!
 //! The table has as many directions as the array is sharp. The best is refined by a parabola and Newton's steps.
 //!
