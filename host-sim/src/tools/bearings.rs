@@ -96,29 +96,6 @@ impl ArrayLine {
     }
 }
 
-/// The names of flags.
-#[must_use]
-pub fn flag_names(flags: Flags) -> Vec<&'static str> {
-    let names = [
-        (Flags::CLIP, "clip"),
-        (Flags::dead(0), "dead_1"),
-        (Flags::dead(1), "dead_2"),
-        (Flags::dead(2), "dead_3"),
-        (Flags::dead(3), "dead_4"),
-        (Flags::dead(4), "dead_5"),
-        (Flags::dead(5), "dead_6"),
-        (Flags::dead(6), "dead_7"),
-        (Flags::dead(7), "dead_8"),
-        (Flags::INTERFERER, "interferer"),
-        (Flags::MULTIPATH, "multipath"),
-        (Flags::AMBIGUOUS, "ambiguous"),
-        (Flags::UNCALIBRATED, "uncalibrated"),
-        (Flags::NO_SIGNAL, "no_signal"),
-        (Flags::NOT_FINITE, "not_finite"),
-    ];
-    names.into_iter().filter(|(flag, _)| flags.contains(*flag)).map(|(_, name)| name).collect()
-}
-
 impl Line {
     fn new(frame: usize, bearing: &Bearing) -> Self {
         let has_signal = !bearing.flags.contains(Flags::NO_SIGNAL);
@@ -138,7 +115,7 @@ impl Line {
             closure_chi2: (has_direction && all_alive).then_some(f64::from(bearing.quality.closure_chi2)),
             coherence: bearing.quality.coherence.map(f64::from).filter(|_| has_direction),
             range_hint_m: bearing.quality.range_hint_m.map(f64::from).filter(|_| has_direction),
-            flags: flag_names(bearing.flags),
+            flags: bearing.flags.names().collect(),
         }
     }
 }

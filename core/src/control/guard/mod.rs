@@ -365,7 +365,7 @@ impl Guard {
             }
         }
         let brake = limited(state.command_ned_mps, Horizontal::default(), c.a_max_mps2 * dt_s);
-        unseen.map(|bearing_rad| (brake, action, Some(bearing_rad)))
+        unseen.map(|bearing_rad| (brake, Action::Looking, Some(bearing_rad)))
     }
 
     /// The next command, from the last towards `to`, inside the limits of acceleration and jerk.

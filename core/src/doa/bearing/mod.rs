@@ -142,6 +142,28 @@ impl Flags {
         self.0 & other.0 == other.0
     }
 
+    /// Their names.
+    pub fn names(self) -> impl Iterator<Item = &'static str> {
+        let names = [
+            (Self::CLIP, "clip"),
+            (Self::dead(0), "dead_1"),
+            (Self::dead(1), "dead_2"),
+            (Self::dead(2), "dead_3"),
+            (Self::dead(3), "dead_4"),
+            (Self::dead(4), "dead_5"),
+            (Self::dead(5), "dead_6"),
+            (Self::dead(6), "dead_7"),
+            (Self::dead(7), "dead_8"),
+            (Self::INTERFERER, "interferer"),
+            (Self::MULTIPATH, "multipath"),
+            (Self::AMBIGUOUS, "ambiguous"),
+            (Self::UNCALIBRATED, "uncalibrated"),
+            (Self::NO_SIGNAL, "no_signal"),
+            (Self::NOT_FINITE, "not_finite"),
+        ];
+        names.into_iter().filter(move |(flag, _)| self.contains(*flag)).map(|(_, name)| name)
+    }
+
     /// The flags of both.
     #[must_use]
     pub fn with(self, other: Self) -> Self {

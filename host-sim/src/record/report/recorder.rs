@@ -20,7 +20,6 @@ use super::record::{
 use super::signal::{self, Signals};
 use crate::drive::computer::{Considered, HostComputer};
 use crate::drive::flight::{Mission, Moment, Report, TICK_S};
-use crate::tools::bearings::flag_names;
 use crate::world::{Horizontal, Pillar};
 
 /// The obstacle map is recorded every so many steps: 5 Hz.
@@ -197,7 +196,7 @@ fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
         bearing_deg: output.bearing_ned_rad.filter(|rad| rad.is_finite()).map(|rad| degrees(f64::from(rad))),
         sigma_deg: degrees(f64::from(bearing.sigma_rad)),
         snr_db: rounded(f64::from(bearing.quality.snr_db), 1),
-        flags: flag_names(bearing.flags),
+        flags: bearing.flags.names().collect(),
     });
     Step {
         time_s: 0.0,
