@@ -204,7 +204,7 @@ impl State {
     }
 
     /// The estimated position of a source that is received directly, as uncertain as the innovations say; `None` while
-    /// the link is probably reflected, though the filters know of no line that reflects it.
+    /// the link is probably reflected, once or more often, though the filters know of no line that reflects it.
     #[must_use]
     pub fn direct(&self) -> Option<Estimate> {
         let answer = self.answer.filter(|answer| answer.path == Path::Direct && self.indirect < bank::REFLECTED_MIN)?;
@@ -256,7 +256,7 @@ impl State {
         self.reflections = Reflections::None;
     }
 
-    /// The link is direct, since nothing is known about it.
+    /// The link counts as direct: nothing is known about it, or reflections are doubted.
     pub fn assume_direct(&mut self) {
         self.reflected = 0.0;
         self.indirect = 0.0;
