@@ -7,9 +7,10 @@
 //! the LD06 and the LD19.
 //!
 //! The angle grows clockwise, seen from above an upright lidar, from the arrow on its housing. A turn becomes a scan
-//! of 360 rays of a degree, with the nearest point in each. Each ray has its newest reading; a degree without a
+//! of 360 rays of a degree, with the nearest point in each. A degree without a
 //! point, because a frame was lost or the lidar turns fast, is unknown, and so is a point of low confidence, or one
-//! nearer than [`Config::range_min_m`]. The time of a scan is the middle of its turn. When the line was silent for most of
+//! nearer than [`Config::range_min_m`]. A turn begins astern, so that what is ahead is seen
+//! at one time, whichever way it is mounted; the time of a scan is its middle. When the line was silent for most of
 //! a turn, or the motor stood still, the scan begins anew.
 //!
 //! A distance of 0 means that nothing was reflected. In the open this is so in most directions, so it counts as free
@@ -17,6 +18,7 @@
 //! a distance of 0 is unknown.
 
 use core::f32::consts::PI;
+use core::ops::RangeInclusive;
 
 use foxhound_core::base::error::{ConfigError, check};
 use foxhound_core::base::time::Instant;
@@ -34,6 +36,8 @@ const TURN_CDEG: u32 = 36_000;
 /// Between the first and the last point of a frame: 12.5 deg at 13 Hz.
 const SPAN_MAX_CDEG: u32 = 2_000;
 const RAYS: u16 = RAYS_MAX as u16;
+/// From four turns a second to fifteen: it is made for ten. What turns slower or faster gives no scan.
+const SPEEDS_DEGPS: RangeInclusive<u16> = 1_440..=5_400;
 /// A frame that comes later than this after the one before may be of another turn: a turn takes 77 ms at least.
 const GAP_MAX_US: u64 = 70_000;
 /// A turn that takes longer than this is no scan: a motor that stood still leaves old readings in it.
@@ -83,10 +87,11 @@ impl Config {
         rays.resize(RAYS_MAX);
         let scan = Scan {
             time: Instant(0),
-            first_azimuth_rad: wrap_pi(self.mount.yaw_rad + sense * (PI / 360.0)),
+            turn_s: 0.0,
+            first_azimuth_rad: sense * (PI / 360.0 - PI),
             step_rad: sense * (PI / 180.0),
             range_max_m: self.range_max_m,
-            rays,
+            rays: rays.clone(),
         };
         let counters = Counters::default();
         Ok(Lidar {
@@ -94,9 +99,13 @@ impl Config {
             bytes: [0; FRAME_BYTES],
             filled: 0,
             scan,
+            rays,
             last: None,
             heard: None,
             began: None,
+            astern_cdeg: libm::roundf(100.0 * wrap_pi(PI - sense * self.mount.yaw_rad).to_degrees() + 36_000.0) as u32
+                % TURN_CDEG,
+            speed_degps: 0,
             is_new: false,
             counters,
         })
@@ -128,12 +137,18 @@ pub struct Lidar {
     config: Config,
     bytes: [u8; FRAME_BYTES],
     filled: usize,
+    /// The last whole turn, and the rays of this one.
     scan: Scan,
+    rays: Rays,
     /// The last ray received, and when the last frame was.
     last: Option<u16>,
     heard: Option<Instant>,
     /// When this turn began; `None` before the first whole one.
     began: Option<Instant>,
+    /// Its angle astern, where a turn begins.
+    astern_cdeg: u32,
+    /// How fast it turns.
+    speed_degps: u16,
     is_new: bool,
     counters: Counters,
 }
@@ -141,6 +156,7 @@ pub struct Lidar {
 impl Lidar {
     /// Takes bytes, in pieces of any size, that have arrived by now.
     pub fn push(&mut self, now: Instant, bytes: &[u8]) {
+        let turns = self.counters.turns;
         for byte in bytes {
             if let Some(slot) = self.bytes.get_mut(self.filled) {
                 *slot = *byte;
@@ -162,9 +178,21 @@ impl Lidar {
                 }
             }
         }
+        if self.counters.turns != turns {
+            self.date(now);
+        }
     }
 
-    /// The turn that has not been taken, if one is complete. Its rays are overwritten in place.
+    /// Times the turn that ended among the bytes that have arrived by now: its sensor has gone on by an angle since, at a speed
+    /// that it tells. The bytes may have waited for a step.
+    fn date(&mut self, now: Instant) {
+        let turn_us = 360_000_000 / u64::from(self.speed_degps.max(1));
+        let since_us = turn_us * u64::from(self.last.unwrap_or_default()) / u64::from(RAYS);
+        self.scan.turn_s = turn_us as f32 * 1e-6;
+        self.scan.time = Instant(now.0.saturating_sub(since_us + turn_us / 2));
+    }
+
+    /// The turn that has not been taken, if one is complete.
     #[must_use]
     pub fn scan(&self) -> Option<&Scan> {
         self.is_new.then_some(&self.scan)
@@ -208,6 +236,7 @@ impl Lidar {
     /// Reads a whole frame; false if its content is impossible.
     fn read(&mut self, now: Instant) -> bool {
         let (first_cdeg, last_cdeg) = (u32::from(self.word(4)), u32::from(self.word(FRAME_BYTES - 5)));
+        self.speed_degps = self.word(2);
         if first_cdeg >= TURN_CDEG || last_cdeg >= TURN_CDEG {
             return false;
         }
@@ -217,13 +246,13 @@ impl Lidar {
         }
         if self.heard.replace(now).is_some_and(|heard| now.micros_since(heard) > GAP_MAX_US) {
             (self.last, self.began, self.is_new) = (None, None, false);
-            self.scan.rays.resize(0);
-            self.scan.rays.resize(RAYS_MAX);
+            self.rays.resize(0);
+            self.rays.resize(RAYS_MAX);
         }
         for point in 0..POINTS {
             let at = 6 + 3 * point;
             let along_cdeg = span_cdeg * point as u32 / (POINTS as u32 - 1);
-            let ray = ((first_cdeg + along_cdeg) / 100 % u32::from(RAYS)) as u16;
+            let ray = ((first_cdeg + along_cdeg + TURN_CDEG - self.astern_cdeg) / 100 % u32::from(RAYS)) as u16;
             let confidence = self.bytes.get(at + 2).copied().unwrap_or(0);
             let seen = self.seen(self.word(at), confidence);
             self.note(now, ray, seen);
@@ -247,14 +276,13 @@ impl Lidar {
 
     /// A point in a ray: of several in a turn the nearest counts, and a hit overrules a miss.
     fn note(&mut self, now: Instant, ray: u16, seen: Sector) {
-        let rays = &mut self.scan.rays;
         let at = usize::from(ray);
-        let Some(last) = self.last.replace(ray) else { return rays.set(at, seen) };
+        let Some(last) = self.last.replace(ray) else { return self.rays.set(at, seen) };
         if last == ray {
-            return match (rays.get(at), seen) {
+            return match (self.rays.get(at), seen) {
                 (Sector::Hit(before_m), Sector::Hit(range_m)) if before_m <= range_m => {}
                 (Sector::Hit(_), Sector::Clear | Sector::Unknown) | (Sector::Clear, Sector::Unknown) => {}
-                _ => rays.set(at, seen),
+                _ => self.rays.set(at, seen),
             };
         }
         // A step back of less than half a turn is the jitter of the motor.
@@ -263,15 +291,25 @@ impl Lidar {
             self.last = Some(last);
             return;
         }
-        for skipped in 1..on {
-            rays.set(usize::from((last + skipped) % RAYS), Sector::Unknown);
+        for skipped in last + 1..last + on {
+            if skipped == RAYS {
+                self.end(now);
+            }
+            self.rays.set(usize::from(skipped % RAYS), Sector::Unknown);
         }
-        rays.set(at, seen);
-        if last + on >= RAYS
-            && let Some(began) = self.began.replace(now)
+        if at == 0 {
+            self.end(now);
+        }
+        self.rays.set(at, seen);
+    }
+
+    /// The turn is whole: its rays are a scan.
+    fn end(&mut self, now: Instant) {
+        if let Some(began) = self.began.replace(now)
             && now.micros_since(began) <= TURN_MAX_US
+            && SPEEDS_DEGPS.contains(&self.speed_degps)
         {
-            self.scan.time = began.plus_micros(now.micros_since(began) / 2);
+            self.scan.rays.clone_from(&self.rays);
             self.is_new = true;
             self.counters.turns = self.counters.turns.saturating_add(1);
         }

@@ -507,7 +507,7 @@ fn search(draw: &mut Draw<'_>) -> Reached {
             began = None;
         }
         let pose = Pose { position_ned_m: here, yaw_rad: draw.any(-PI, PI) };
-        let sensor = RangeSensor { range_m: draw.any(0.1, 10.0), fov_rad: draw.any(0.1, 7.0) };
+        let sensor = RangeSensor { range_m: draw.any(0.1, 10.0), fov_rad: draw.any(0.1, 7.0), ..RangeSensor::DEFAULT };
         let explored = explorer.step(&mut state, now, &pose, &sensor, circles.iter());
         if began.is_none() && state.is_searching() {
             began = Some(here);

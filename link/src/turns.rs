@@ -8,8 +8,8 @@
 //! rays are unknown, except in directions in which a sensor that reports only what it has seen has seen nothing
 //! ([`crate::beams`]).
 //!
-//! Each ray has its newest reading. The time of a scan is the middle between its first message and its last, so that no
-//! ray is older than half of [`TURN_MAX_US`] before it. A turn of more than 360 rays is joined up to 360.
+//! Each ray has its newest reading. A message comes when its last ray has been measured, so the messages of a turn tell how fast the
+//! sensor turns; the time of a scan is that of its middle ray. A turn of more than 360 rays is joined up to 360.
 
 use core::f32::consts::PI;
 
@@ -61,8 +61,14 @@ pub(crate) struct Turns {
     step_deg: f32,
     /// Directions that are clear where nothing is reported about them.
     untold: u8,
-    /// When the first message of this turn came.
+    /// When the first message of this turn came, and the ray behind its last; when the last one came, and the same.
     began: Instant,
+    first_to: usize,
+    heard_last: Instant,
+    last_to: usize,
+    /// The ray that is next if the sensor goes on, and whether each message went on so.
+    next_from: usize,
+    is_in_order: bool,
     /// Messages of this turn so far; there is no scan yet where they are fewer than the last turn had.
     parts: u8,
     parts_before: u8,
@@ -74,13 +80,25 @@ pub(crate) struct Turns {
 impl Turns {
     pub(crate) const fn new() -> Self {
         Self {
-            scan: Scan { time: Instant(0), first_azimuth_rad: 0.0, step_rad: 1.0, range_max_m: 1.0, rays: Rays::new() },
+            scan: Scan {
+                time: Instant(0),
+                turn_s: 0.0,
+                first_azimuth_rad: 0.0,
+                step_rad: 1.0,
+                range_max_m: 1.0,
+                rays: Rays::new(),
+            },
             is_new: false,
             component_id: 0,
             first_deg: 0.0,
             step_deg: 0.0,
             untold: 0,
             began: Instant(0),
+            first_to: 0,
+            heard_last: Instant(0),
+            last_to: 0,
+            next_from: 0,
+            is_in_order: true,
             parts: 0,
             parts_before: 1,
             heard: Bits::NONE,
@@ -114,7 +132,7 @@ impl Turns {
     pub(crate) fn age(&mut self, now: Instant, age_max_s: f32) {
         if (1..self.parts_before).contains(&self.parts) && now.micros_since(self.began) > TURN_MAX_US {
             self.parts_before = self.parts;
-            self.end(self.began);
+            self.end();
         }
         if is_over(now, self.scan.time, age_max_s) {
             self.is_new = false;
@@ -126,10 +144,11 @@ impl Turns {
     pub(crate) fn hear(&mut self, now: Instant, component_id: u8, part: &Part<'_>) {
         let mut from = 0;
         match self.place(now, component_id, part) {
-            Some(ray) if self.heard.has(ray) && self.begun.has(ray) => {
+            // The turn began with another ray only because a message was lost.
+            Some(ray) if self.begun.has(ray) && (self.heard.has(ray) || ray == 0 && self.parts > 0) => {
                 // The next turn. The rays of the one before are a scan, if they are not one yet.
                 if self.parts < self.parts_before {
-                    self.end(now);
+                    self.end();
                 }
                 (self.parts_before, self.parts, self.heard) = (self.parts, 0, Bits::NONE);
                 from = ray;
@@ -140,9 +159,13 @@ impl Turns {
                 (self.component_id, self.first_deg, self.step_deg) = (component_id, part.first_deg, part.step_deg);
             }
         }
+        let to = from + said(part, from);
         if self.parts == 0 {
-            self.began = now;
+            (self.began, self.first_to, self.is_in_order) = (now, to, true);
+        } else {
+            self.is_in_order &= from >= self.last_to && from <= self.next_from;
         }
+        (self.heard_last, self.last_to, self.next_from) = (now, to, from + part.count);
         self.untold = part.untold;
         let scan = &mut self.scan;
         scan.step_rad = part.step_deg * (PI / 180.0);
@@ -158,7 +181,7 @@ impl Turns {
         self.begun.set(from);
         self.parts = self.parts.saturating_add(1);
         if self.parts >= self.parts_before || self.is_whole() {
-            self.end(now);
+            self.end();
         }
     }
 
@@ -191,14 +214,23 @@ impl Turns {
     }
 
     /// Ends the turn: what has come is a scan.
-    fn end(&mut self, now: Instant) {
+    fn end(&mut self) {
         for ray in 0..self.scan.rays.len() {
             if !self.heard.has(ray) {
                 let told = if self.is_untold(ray) { Sector::Clear } else { Sector::Unknown };
                 self.scan.rays.set(ray, told);
             }
         }
-        self.scan.time = self.began.plus_micros(now.micros_since(self.began) / 2);
+        // A message comes when its last ray has been measured. One message, or several out of order, do not tell how long a turn takes.
+        let (since_s, rays) = (self.heard_last.seconds_since(self.began), self.scan.rays.len() as f32);
+        let each_s = if self.parts > 1 { since_s / (self.last_to as f32 - self.first_to as f32) } else { 0.0 };
+        let is_known = self.is_in_order && each_s * rays <= TURN_MAX_US as f32 * 1e-6;
+        (self.scan.turn_s, self.scan.time) = if is_known {
+            let since_middle_s = each_s * (self.last_to as f32 - 0.5 * rays);
+            (each_s * rays, Instant(self.heard_last.0.saturating_sub((1e6 * since_middle_s) as u64)))
+        } else {
+            (0.0, self.began.plus_micros(self.heard_last.micros_since(self.began) / 2))
+        };
         self.is_new = true;
     }
 }
@@ -275,7 +307,8 @@ mod tests {
                     let scan = scan.unwrap();
                     assert_eq!(scan.turn(), Some(360));
                     assert_eq!(around(&scan, 360), (100..460).collect::<Vec<_>>());
-                    assert_eq!(scan.time, Instant(20_000 * u64::from(count) - 40_000), "the middle");
+                    assert_eq!(scan.time, Instant(20_000 * u64::from(count) - 50_000), "the middle");
+                    assert!((scan.turn_s - 0.1).abs() < 1e-6, "{}", scan.turn_s);
                 }
             }
         }

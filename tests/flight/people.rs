@@ -27,12 +27,14 @@ use policies::Policy;
 
 const TOLD_1: &str = r#"{"sensor":{"fov_deg":360,"range_m":5}}"#;
 const TOLD_2: &str = r#"{"sensor":{"fov_deg":360,"range_m":5},"limits":{"v_max":2}}"#;
-const SCAN_360: &str = r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5}}"#;
-const RAYS_360: &str = r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5,"rays":360}}"#;
+const SCAN_360: &str = r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5,"turn_s":0.1}}"#;
+const RAYS_360: &str = r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5,"rays":360,"turn_s":0.1}}"#;
+const LIDAR: &str = r#"{"sensor":{"model":"lidar","fov_deg":360,"range_m":5}}"#;
 const SCAN_90: &str = r#"{"sensor":{"model":"scan"}}"#;
-const SCAN_360_FAST: &str = r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5},"limits":{"v_evade":2}}"#;
+const SCAN_360_FAST: &str =
+    r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5,"turn_s":0.1},"limits":{"v_evade":2}}"#;
 const RAYS_360_FAST: &str =
-    r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5,"rays":360},"limits":{"v_evade":2}}"#;
+    r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5,"rays":360,"turn_s":0.1},"limits":{"v_evade":2}}"#;
 const SCAN_90_FAST: &str = r#"{"sensor":{"model":"scan"},"limits":{"v_evade":2}}"#;
 const TOLD_90: &str = "{}";
 
@@ -132,20 +134,22 @@ fn recorded_people_who_do_not_step_aside_are_evaded() {
         &[
             ("told all round, 1 m/s", TOLD_1, "point", 0, 225),
             ("told all round, 2 m/s", TOLD_2, "point", 0, 225),
-            ("scan of 72 sectors all round", SCAN_360, "point", 12, 213),
-            ("scan of 360 rays all round", RAYS_360, "point", 5, 220),
+            ("scan of 72 sectors all round", SCAN_360, "point", 14, 211),
+            ("scan of 360 rays all round", RAYS_360, "point", 3, 222),
+            ("lidar on the computer's own line", LIDAR, "point", 2, 223),
             ("scan of 90 deg, 3 m", SCAN_90, "point", 59, 166),
             ("told in 90 deg, 3 m", TOLD_90, "point", 42, 183),
-            ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "point", 7, 218),
-            ("scan of 360 rays all round, evading at 2 m/s", RAYS_360_FAST, "point", 6, 219),
+            ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "point", 8, 217),
+            ("scan of 360 rays all round, evading at 2 m/s", RAYS_360_FAST, "point", 4, 221),
             ("scan of 90 deg, 3 m, evading at 2 m/s", SCAN_90_FAST, "point", 51, 174),
             ("told all round, 1 m/s", TOLD_1, "arducopter", 0, 225),
             ("told all round, 2 m/s", TOLD_2, "arducopter", 6, 219),
-            ("scan of 72 sectors all round", SCAN_360, "arducopter", 24, 201),
+            ("scan of 72 sectors all round", SCAN_360, "arducopter", 22, 203),
             ("scan of 360 rays all round", RAYS_360, "arducopter", 7, 218),
+            ("lidar on the computer's own line", LIDAR, "arducopter", 8, 217),
             ("scan of 90 deg, 3 m", SCAN_90, "arducopter", 89, 136),
-            ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "arducopter", 16, 209),
-            ("scan of 360 rays all round, evading at 2 m/s", RAYS_360_FAST, "arducopter", 6, 219),
+            ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "arducopter", 18, 207),
+            ("scan of 360 rays all round, evading at 2 m/s", RAYS_360_FAST, "arducopter", 8, 217),
         ],
     );
 }
@@ -176,24 +180,25 @@ fn drawn_people_who_cross_the_way_are_evaded() {
         &drawn(),
         &[
             ("told all round, 1 m/s", TOLD_1, "point", 0, 40),
-            ("scan of 72 sectors all round", SCAN_360, "point", 5, 35),
+            ("scan of 72 sectors all round", SCAN_360, "point", 7, 33),
             ("told all round, 1 m/s", TOLD_1, "arducopter", 0, 40),
-            ("scan of 72 sectors all round", SCAN_360, "arducopter", 12, 28),
-            ("scan of 360 rays all round", RAYS_360, "point", 1, 39),
-            ("scan of 360 rays all round", RAYS_360, "arducopter", 3, 37),
+            ("scan of 72 sectors all round", SCAN_360, "arducopter", 13, 27),
+            ("scan of 360 rays all round", RAYS_360, "point", 2, 38),
+            ("scan of 360 rays all round", RAYS_360, "arducopter", 6, 34),
         ],
     );
 }
 
 /// Who walks across the way of a flight is followed: after half a second in view his velocity is wrong by less than 0.15 m/s by
 /// sectors of 5 degrees and 0.05 m/s by rays of 1.25 degrees (medians), and of the tracks that move fewer than 5 in 1000 are
-/// where nobody is.
+/// where nobody is, 10 in 1000 where the sensor turns and its turn ends astern.
 #[test]
 fn who_is_followed_is_followed_well_and_nobody_else_is() {
-    for (name, setting, most_mps) in [
-        ("scan of 360 rays all round", RAYS_360, [0.15, 0.05, 0.03]),
-        ("scan of 72 sectors all round", SCAN_360, [0.6, 0.15, 0.06]),
-        ("scan of 90 deg, 3 m", SCAN_90, [0.15, 0.05, 0.03]),
+    for (name, setting, most_mps, most_ghosts) in [
+        ("scan of 360 rays all round", RAYS_360, [0.15, 0.05, 0.03], 0.01),
+        ("scan of 72 sectors all round", SCAN_360, [0.6, 0.15, 0.06], 0.01),
+        ("lidar on the computer's own line", LIDAR, [0.15, 0.05, 0.03], 0.01),
+        ("scan of 90 deg, 3 m", SCAN_90, [0.15, 0.05, 0.03], 0.005),
     ] {
         let mut following = Following::default();
         for (world, seed) in drawn().iter().zip(seeds::TEST) {
@@ -201,21 +206,21 @@ fn who_is_followed_is_followed_well_and_nobody_else_is() {
         }
         let (medians_mps, ghosts) = following.told(name);
         assert!(medians_mps.iter().zip(most_mps).all(|(median, most)| *median < most), "{name}: {medians_mps:?}");
-        assert!(ghosts < 0.005, "{name}: {ghosts}");
+        assert!(ghosts < most_ghosts, "{name}: {ghosts}");
     }
 }
 
-/// The most flights of a scene that may hit somebody: a point mass told all round and by scans of 72 sectors, then the same beside
+/// The most flights of a scene that may hit somebody: a point mass told all round and by scans of 72 sectors in turns of 0.1 s, then the same beside
 /// ArduCopter's delays. The test prints it as it stands here.
 const SCENE_HITS: [[usize; 4]; 8] = [
-    [0, 1, 0, 0],  // crossing
-    [2, 5, 8, 10], // swaying
-    [4, 9, 7, 9],  // stopping
-    [2, 5, 1, 4],  // turning
-    [0, 9, 1, 10], // in groups
-    [0, 2, 1, 1],  // overtaking
-    [0, 2, 4, 6],  // two streams in a corridor of 4 m
-    [0, 1, 0, 0],  // stepping aside
+    [0, 0, 0, 0],  // crossing
+    [2, 8, 8, 12], // swaying
+    [4, 7, 7, 13], // stopping
+    [2, 5, 1, 7],  // turning
+    [0, 6, 1, 11], // in groups
+    [0, 1, 1, 3],  // overtaking
+    [0, 0, 4, 3],  // two streams in a corridor of 4 m
+    [0, 0, 0, 0],  // stepping aside
 ];
 
 /// 20 flights each among people who cross, sway, stop, turn, walk in groups, overtake, come in two streams, and step aside, at
@@ -248,5 +253,5 @@ fn pillars_that_move_are_not_hit_and_those_that_swing_seldom() {
     let trap: Value = serde_json::from_str(&trap).unwrap();
     let movers: Vec<Value> = (0..scenes::FLIGHTS).map(|_| trap.clone()).collect();
     hold(&movers, &[("the trap's moving pillars, scan of 72 sectors all round", SCAN_360, "point", 0, 20)]);
-    hold(&scenes::swinging(), &[("pillars that swing, scan of 72 sectors all round", SCAN_360, "point", 2, 18)]);
+    hold(&scenes::swinging(), &[("pillars that swing, scan of 72 sectors all round", SCAN_360, "point", 4, 16)]);
 }

@@ -66,10 +66,11 @@ fn the_manuals_frame_is_right_and_says_what_the_manual_says() {
     lidar.push(Instant(0), &EXAMPLE);
     assert_eq!(lidar.counters(), Counters { frames: 1, ..Counters::default() });
     // 324.27 deg, 0.224 m; 334.70 deg, 0.192 m; two points in 325 deg, 220 and 217 mm.
-    assert_eq!(lidar.scan.rays.get(324), Sector::Hit(0.224));
-    assert_eq!(lidar.scan.rays.get(334), Sector::Hit(0.192));
-    assert_eq!(lidar.scan.rays.get(325), Sector::Hit(0.220));
-    assert_eq!(lidar.scan.rays.get(323), Sector::Unknown);
+    // Ray 0 is astern.
+    assert_eq!(lidar.rays.get(144), Sector::Hit(0.224));
+    assert_eq!(lidar.rays.get(154), Sector::Hit(0.192));
+    assert_eq!(lidar.rays.get(145), Sector::Hit(0.220));
+    assert_eq!(lidar.rays.get(143), Sector::Unknown);
 }
 
 #[test]
@@ -95,16 +96,28 @@ fn a_turn_is_a_scan_of_one_degree_with_the_nearest_point_in_each() {
 }
 
 #[test]
-fn the_time_of_a_scan_is_the_middle_of_its_turn() {
-    let mut lidar = lidar();
-    for (time, bytes) in turns(0, 1400, 80, |_| (2000, 200)) {
-        lidar.push(time, &bytes);
-        if let Some(scan) = lidar.scan() {
-            assert!((45_000..58_000).contains(&time.micros_since(scan.time)), "{:?} {time:?}", scan.time);
+fn the_time_of_a_scan_is_the_middle_of_its_turn_however_long_its_bytes_waited() {
+    for step_us in [1, 20_000, 33_000] {
+        let mut lidar = lidar();
+        let mut waiting = Vec::new();
+        // The first whole turn begins astern.
+        let mut middle_us = 0;
+        for (time, bytes) in turns(0, 2400, 80, |_| (2000, 200)) {
+            waiting.extend(bytes);
+            let step = Instant(time.0.div_ceil(step_us) * step_us);
+            // The next frame comes after this step.
+            if time.0 + 2_667 > step.0 {
+                lidar.push(step, &std::mem::take(&mut waiting));
+            }
+            if let Some(scan) = lidar.scan() {
+                middle_us += 100_000;
+                assert!(scan.time.0.abs_diff(middle_us) < 4_000, "{step_us}: {} for {middle_us}", scan.time.0);
+                assert!((scan.turn_s - 0.1).abs() < 1e-6);
+            }
+            lidar.take();
         }
-        lidar.take();
+        assert!(lidar.counters().turns >= 3);
     }
-    assert_eq!(lidar.counters().turns, 2);
 }
 
 #[test]

@@ -47,7 +47,7 @@ use ring::{Full, Producer};
 use secret::Mask;
 
 /// Version of the records.
-pub const LAYOUT: u8 = 10;
+pub const LAYOUT: u8 = 11;
 /// Frames from one with samples to the next.
 const CODES_EVERY: u8 = 50;
 /// Bytes of the samples of one frame: 12 bits each.
@@ -168,7 +168,6 @@ impl Serialize for Packed<'_> {
 
 /// A record as it is read.
 #[derive(Clone, Debug, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "read one at a time, with a desktop's memory")]
 pub enum Record<'a> {
     /// The begin of a flight.
     Begin(Beginning<'a>),

@@ -40,11 +40,13 @@ pub struct RangeSensor {
     pub range_m: f32,
     /// Full angle of its view, centred on the nose; 2 pi when it covers the full circle.
     pub fov_rad: f32,
+    /// How long a scan takes that does not tell it, from its first ray to its last; 0: all rays at once.
+    pub turn_s: f32,
 }
 
 impl RangeSensor {
     /// The default, as a constant.
-    pub const DEFAULT: Self = Self { range_m: 3.0, fov_rad: FRAC_PI_2 };
+    pub const DEFAULT: Self = Self { range_m: 3.0, fov_rad: FRAC_PI_2, turn_s: 0.0 };
 
     /// Checks the values.
     ///
@@ -52,6 +54,7 @@ impl RangeSensor {
     /// The field that is out of range.
     pub fn check(&self) -> Result<(), ConfigError> {
         check("sensor.range_m", self.range_m, 0.1, 100.0)?;
+        check("sensor.turn_s", self.turn_s, 0.0, 0.3)?;
         check("sensor.fov_rad", self.fov_rad, 0.1, TAU).map(drop)
     }
 }

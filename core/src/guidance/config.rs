@@ -136,6 +136,7 @@ impl Config {
             retry_ticks: libm::ceilf(RETRY_S / self.tick_s) as u32,
             plan_margin_m: 0.5 * self.planner.margin_m,
             near_m: if stop_m > NEAR_M { stop_m } else { NEAR_M },
+            turn_s: self.sensor.turn_s,
             target_distance_m: self.goal.target_distance_m,
             known_source_ned_m: self.goal.known_source_ned_m,
             phase: self.phase.build()?,
@@ -184,6 +185,7 @@ mod tests {
                 ("planner", planner.into()),
                 ("search", search.into()),
                 ("near", std::format!("{:?}", guidance.plan_margin_m)),
+                ("scan", std::format!("{:?}", guidance.turn_s)),
                 ("evader", std::format!("{:?}", guidance.evade)),
                 ("wind", std::format!("{:?}", guidance.wind)),
                 ("vehicle model", std::format!("{:?}", guidance.vehicle_model)),
@@ -195,10 +197,11 @@ mod tests {
             turning: Some(turning::Config::default()),
             ..Config::default()
         };
-        let facts: [Fact; 8] = [
+        let facts: [Fact; 9] = [
             (|c| c.vehicle.radius_m = 0.2, &["guard", "planner", "search"]),
             (|c| c.sensor.range_m = 4.0, &["guard", "planner"]),
             (|c| c.sensor.fov_rad = 3.0, &["guard", "planner"]),
+            (|c| c.sensor.turn_s = 0.1, &["guard", "planner", "scan"]),
             (|c| c.planner.margin_m = 0.1, &["planner", "search", "near"]),
             (|c| c.guard.v_max_mps = 2.0, &["guard", "evader"]),
             (|c| c.guard.a_max_mps2 = 3.0, &["guard", "evader"]),

@@ -1,14 +1,18 @@
 //! Input of a step: frames become bearings and update the source's estimate; obstacle data updates the map and the
 //! guard.
 
+use super::state::VehicleState;
 use super::systems::Systems;
 use super::turning::Turned;
 use super::{FrontEnd, Guidance, Input, Measurement, State, near, turning};
 use crate::base::adc::AdcFrame;
+use crate::base::history::Poses;
+use crate::base::ned::Horizontal;
 use crate::base::obstacle::Circle;
 use crate::base::ownship::{Ownship, YAW_BACK_MAX_S, YAW_FORTH_MAX_S};
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
+use crate::base::units::wrap_pi;
 use crate::doa::bearing::{Bearing, BearingEstimator};
 use crate::mapping::scan::{self, Points, Refusal, Scan, Segmentation};
 use crate::signal::phase::Phasors;
@@ -98,17 +102,22 @@ impl<const N: usize> Guidance<N> {
     /// Data of obstacle sensors -> map -> near obstacles; and the coverage -> guard. The scan comes last, since it
     /// overrules the others.
     pub(super) fn look(&self, state: &mut State<N>, input: &Input<'_, N>) {
-        let (now, ownship) = (input.now, state.vehicle.ownship);
-        let pose = |time: Instant| pose_at(ownship.as_ref(), time);
+        let now = input.now;
+        let vehicle = &state.vehicle;
+        let pose = |time: Instant| pose_at(vehicle, time);
+        let scan = input.scan.and_then(|scan| straightened(vehicle, &scan.lasting(self.turn_s)));
+        let from_circles = input.circles.map(|circles| (circles, pose(now)));
+        let from_points = input.points.map(|points| (points, pose(points.time)));
+        let from_scan = scan.as_ref().map(|scan| (scan, pose(scan.time)));
         state.surroundings.map.advance(now);
         state.surroundings.tracks.advance(now);
         let circles =
-            input.circles.map(|circles| pose(now).and_then(|pose| Self::take_circles(state, now, circles, pose)));
-        if let Some(points) = input.points {
+            from_circles.map(|(circles, pose)| pose.and_then(|pose| Self::take_circles(state, now, circles, pose)));
+        if let Some((points, pose)) = from_points {
             // What is refused is as if it had not come.
-            let _ = pose(points.time).and_then(|pose| Self::take_points(state, now, points, pose));
+            let _ = pose.and_then(|pose| Self::take_points(state, now, points, pose));
         }
-        let scan = input.scan.map(|scan| pose(scan.time).and_then(|pose| Self::take_scan(state, now, scan, pose)));
+        let seen = from_scan.map(|(scan, pose)| pose.and_then(|pose| Self::take_scan(state, now, scan, pose)));
         if let Some(ownship) = &state.vehicle.ownship {
             near::gather(
                 &self.guard,
@@ -121,7 +130,7 @@ impl<const N: usize> Guidance<N> {
         if let Some(Ok(pose)) = circles {
             self.guard.note_circles(&mut state.control.guard, &state.surroundings.near, &pose);
         }
-        if let (Some(scan), Some(Ok(pose))) = (input.scan, scan) {
+        if let (Some(scan), Some(Ok(pose))) = (&scan, seen) {
             self.guard.note_scan(&mut state.control.guard, scan, &pose);
         }
     }
@@ -140,7 +149,8 @@ impl<const N: usize> Guidance<N> {
             return Err(Refusal::Blind);
         }
         if scan.is_fine() {
-            state.surroundings.tracks.observe_rays(scan, &pose);
+            let velocity_ned_mps = velocity(state);
+            state.surroundings.tracks.observe_rays(scan, &pose, velocity_ned_mps);
         }
         Self::map_scan(state, now, scan, pose)
     }
@@ -148,7 +158,7 @@ impl<const N: usize> Guidance<N> {
     #[inline(never)]
     fn map_scan(state: &mut State<N>, now: Instant, scan: &Scan, pose: Pose) -> Result<Pose, Refusal> {
         let mut look = Segmentation::default();
-        scan::fit_into(&mut look, scan, &pose)?;
+        scan::fit_into(&mut look, scan, &pose, velocity(state))?;
         if !scan.is_fine() {
             state.surroundings.tracks.observe(scan, &pose, &look.points_m);
         }
@@ -168,12 +178,26 @@ impl<const N: usize> Guidance<N> {
     }
 }
 
+/// The vehicle's velocity over the ground.
+fn velocity<const N: usize>(state: &State<N>) -> Horizontal {
+    state.vehicle.ownship.map_or_else(Horizontal::default, |own| own.velocity_ned_mps.horizontal())
+}
+
+/// A scan as it would be if the vehicle had not yawed while the sensor turned; `None` without an attitude.
+fn straightened(vehicle: &VehicleState, scan: &Scan) -> Option<Scan> {
+    let ownship = vehicle.ownship.as_ref()?;
+    let half_us = (0.5e6 * scan.turn_s) as u64;
+    let (begin, end) = (Instant(scan.time.0.saturating_sub(half_us)), scan.time.plus_micros(half_us));
+    let yawed_rad = wrap_pi(yaw_at(ownship, &vehicle.poses, end) - yaw_at(ownship, &vehicle.poses, begin));
+    scan.straightened(yawed_rad)
+}
+
 /// The pose at the time of a measurement, extrapolated from the last ownship.
 ///
 /// # Errors
 /// The pose is not known.
-fn pose_at(ownship: Option<&Ownship>, time: Instant) -> Result<Pose, Refusal> {
-    let ownship = ownship.ok_or(Refusal::NoOwnship)?;
+pub(super) fn pose_at(vehicle: &VehicleState, time: Instant) -> Result<Pose, Refusal> {
+    let ownship = vehicle.ownship.as_ref().ok_or(Refusal::NoOwnship)?;
     // A scan that took a turn is older than the newest position.
     let since_s = |heard: Instant| time.seconds_since(heard) - heard.seconds_since(time);
     let position_s = since_s(ownship.position_time);
@@ -182,13 +206,24 @@ fn pose_at(ownship: Option<&Ownship>, time: Instant) -> Result<Pose, Refusal> {
         return Err(Refusal::TimesApart);
     }
     let moved = ownship.velocity_ned_mps.horizontal().times(position_s);
-    Ok(Pose { position_ned_m: ownship.position_ned_m.horizontal().plus(moved), yaw_rad: ownship.yaw_at(time) })
+    let yaw_rad = yaw_at(ownship, &vehicle.poses, time);
+    Ok(Pose { position_ned_m: ownship.position_ned_m.horizontal().plus(moved), yaw_rad })
+}
+
+/// The yaw between those that were heard, or beyond them by the yaw rate.
+fn yaw_at(ownship: &Ownship, poses: &Poses, time: Instant) -> f32 {
+    let heard = if time < ownship.attitude_time { poses.at(time) } else { None };
+    heard.map_or_else(|| ownship.yaw_at(time), |pose| pose.yaw_rad)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::ned::{Horizontal, Ned};
+    use crate::base::ned::Ned;
+
+    fn of(ownship: Option<Ownship>) -> VehicleState {
+        VehicleState { ownship, ..VehicleState::default() }
+    }
 
     #[test]
     fn a_measurement_is_placed_where_the_vehicle_was_before_and_after_its_newest_position() {
@@ -200,14 +235,42 @@ mod tests {
             ..Ownship::default()
         };
         for (time_us, since_s) in [(1_000_000, 0.0), (1_140_000, 0.14), (950_000, -0.05), (710_000, -0.29)] {
-            let pose = pose_at(Some(&ownship), Instant(time_us)).unwrap();
+            let pose = pose_at(&of(Some(ownship)), Instant(time_us)).unwrap();
             let apart = pose.position_ned_m.minus(Horizontal { north: 2.0, east: -1.0 }.times(since_s));
             assert!(apart.norm() < 1e-6 && (pose.yaw_rad - since_s).abs() < 1e-6, "{since_s}: {pose:?}");
         }
-        assert_eq!(pose_at(Some(&ownship), Instant(650_000)), Err(Refusal::TimesApart));
-        assert_eq!(pose_at(Some(&ownship), Instant(1_160_000)), Err(Refusal::TimesApart), "it may have turned on");
+        assert_eq!(pose_at(&of(Some(ownship)), Instant(650_000)), Err(Refusal::TimesApart));
+        assert_eq!(pose_at(&of(Some(ownship)), Instant(1_160_000)), Err(Refusal::TimesApart), "it may have turned on");
         let newer = Ownship { attitude_time: Instant(1_200_000), ..ownship };
-        assert!(pose_at(Some(&newer), Instant(1_250_000)).is_ok());
-        assert_eq!(pose_at(None, Instant(650_000)), Err(Refusal::NoOwnship));
+        assert!(pose_at(&of(Some(newer)), Instant(1_250_000)).is_ok());
+        assert_eq!(pose_at(&of(None), Instant(650_000)), Err(Refusal::NoOwnship));
+    }
+
+    #[test]
+    fn a_yaw_that_was_heard_before_counts_and_a_scan_is_straightened_by_how_it_changed() {
+        // It turned to the right by 0.2 rad in 0.1 s, and then stopped: its last yaw rate does not tell.
+        let mut vehicle = of(None);
+        for step in 0..8 {
+            let time = Instant(1_000_000 + 20_000 * step);
+            let yaw_rad = 0.04 * step.min(5) as f32 + 3.0;
+            let ownship = Ownship { position_time: time, attitude_time: time, yaw_rad, ..Ownship::default() };
+            let _ = vehicle.poses.note(&ownship);
+            vehicle.ownship = Some(ownship);
+        }
+        for (time_us, yaw_rad) in [(1_140_000, 3.2), (1_110_000, 3.2), (1_090_000, 3.18), (1_050_000, 3.1)] {
+            let pose = pose_at(&vehicle, Instant(time_us)).unwrap();
+            assert!(libm::fabsf(wrap_pi(pose.yaw_rad - yaw_rad)) < 1e-5, "{time_us}: {}", pose.yaw_rad);
+        }
+        let rays = (0..360).map(|_| crate::mapping::scan::Sector::Clear).collect();
+        let step_rad = core::f32::consts::TAU / 360.0;
+        let scan =
+            Scan { time: Instant(1_050_000), turn_s: 0.1, first_azimuth_rad: -3.0, step_rad, range_max_m: 5.0, rays };
+        let straight = straightened(&vehicle, &scan).unwrap();
+        // The first ray was measured 0.1 rad left of the heading in the middle, the last 0.1 rad right of it.
+        assert!(libm::fabsf(straight.first_azimuth_rad + 3.1) < 1e-3, "{}", straight.first_azimuth_rad);
+        assert!(libm::fabsf(360.0 * (straight.step_rad - step_rad) - 0.2) < 1e-4);
+        let at_once = Scan { turn_s: 0.0, ..scan.clone() };
+        assert_eq!(straightened(&vehicle, &at_once), Some(at_once));
+        assert_eq!(straightened(&of(None), &scan), None);
     }
 }

@@ -39,8 +39,9 @@ pub struct State<const N: usize> {
 #[derive(Clone, Debug, Default)]
 pub(super) struct VehicleState {
     pub(super) ownship: Option<Ownship>,
-    /// Those of the last moments, while it may land.
+    /// Those of the last moments, and how far the newest position has jumped, if it has.
     pub(super) poses: Poses,
+    pub(super) jump_m: Option<Horizontal>,
     pub(super) agreement: Agreement,
     pub(super) height_m: Option<f32>,
     pub(super) model: vehicle_model::State,

@@ -3,7 +3,7 @@
 use super::mission::{self, Behaviour, Control, Mission, Outcome, Progress};
 use super::turning::Turning;
 use super::{Guidance, Input, Output, State};
-use crate::base::history::{FullPose, Poses};
+use crate::base::history::FullPose;
 use crate::base::ned::Horizontal;
 use crate::base::ownship::{Ownship, Stale};
 use crate::base::trace::Trace;
@@ -125,7 +125,6 @@ impl<const N: usize> Guidance<N> {
                 } else {
                     state.arrival.landing = landing::State::default();
                     state.belief.forget_near();
-                    state.vehicle.poses = Poses::default();
                     state.arrival.advice = None;
                 }
                 Command::default()
@@ -265,7 +264,7 @@ impl<const N: usize> Guidance<N> {
         bearing: Option<&Bearing>,
         ownship: &Ownship,
     ) -> Option<Fix> {
-        if let Some(jump) = state.vehicle.poses.note(ownship) {
+        if let Some(jump) = state.vehicle.jump_m {
             state.belief.shift_near(jump);
             state.arrival.landing.shift(jump);
         }
@@ -297,6 +296,7 @@ impl<const N: usize> Guidance<N> {
 fn take_ownship<const N: usize>(state: &mut State<N>, heard: Option<Ownship>) {
     if let Some(ownship) = heard.filter(Ownship::is_plausible) {
         state.vehicle.agreement.follow(state.vehicle.ownship.as_ref(), &ownship);
+        state.vehicle.jump_m = state.vehicle.poses.note(&ownship);
         state.vehicle.ownship = Some(ownship);
     }
 }

@@ -105,7 +105,7 @@ impl World {
         };
         let rays: Rays = (0..rays).map(&mut ray).collect();
         let first_azimuth_rad = -0.5 * (rays.len() - 1) as f32 * step_rad;
-        let mut scan = Scan { time: stamp(now, rng), first_azimuth_rad, step_rad, range_max_m: 3.0, rays };
+        let mut scan = Scan { time: stamp(now, rng), turn_s: 0.0, first_azimuth_rad, step_rad, range_max_m: 3.0, rays };
         let mut told = match kind {
             0 => Err(Refusal::Absurd),
             6 => Err(Refusal::Blind),
@@ -236,7 +236,7 @@ fn the_newest_look_is_in_the_map_and_with_the_guard_or_is_refused() {
             if let Some((scan, _)) = scan.as_ref().filter(|_| is_scan_taken) {
                 scans_in_map += 1;
                 let ownship = expected.ownship.unwrap();
-                let yaw_rad = ownship.yaw_at(scan.time);
+                let yaw_rad = intake::pose_at(&state.vehicle, scan.time).unwrap().yaw_rad;
                 let latest = state.control.guard.coverage().latest();
                 let mut ranges = Ranges::new();
                 ranges.take(scan);

@@ -144,6 +144,7 @@ fn frame(now: Instant, bins: f32, amplitude: f32, turns_a_channel: f32, rng: &mu
 fn scan(now: Instant, sector: impl Fn(usize) -> Sector) -> Scan {
     Scan {
         time: now,
+        turn_s: 0.0,
         first_azimuth_rad: -0.7,
         step_rad: 0.02,
         range_max_m: 3.0,

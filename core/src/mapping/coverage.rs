@@ -468,6 +468,7 @@ mod tests {
         let step_rad = core::f32::consts::FRAC_PI_2 / SECTORS_MAX as f32;
         Scan {
             time: crate::base::time::Instant(0),
+            turn_s: 0.0,
             first_azimuth_rad: 0.5 * (step_rad - core::f32::consts::FRAC_PI_2),
             step_rad,
             range_max_m: 3.0,

@@ -66,6 +66,7 @@ pub(super) fn scan(draw: &mut Draw<'_>, time: Instant) -> Scan {
     let rays = (0..count).map(&mut sector).collect();
     Scan {
         time,
+        turn_s: 0.0,
         first_azimuth_rad: draw.field(0.0, -4.0, 4.0),
         step_rad: draw.field(PI / 36.0, -0.2, 0.2),
         range_max_m: draw.field(3.0, 0.1, 20.0),
@@ -79,7 +80,11 @@ pub(super) fn vehicle(draw: &mut Draw<'_>) -> Vehicle {
 
 pub(super) fn sensor(draw: &mut Draw<'_>) -> RangeSensor {
     let usual = RangeSensor::DEFAULT;
-    RangeSensor { range_m: usual.range_m, fov_rad: draw.field(usual.fov_rad, 0.1, 2.0 * PI) }
+    RangeSensor {
+        fov_rad: draw.field(usual.fov_rad, 0.1, 2.0 * PI),
+        turn_s: draw.field(usual.turn_s, 0.0, 0.3),
+        ..usual
+    }
 }
 
 pub(super) fn guard_config(draw: &mut Draw<'_>) -> guard::Config {

@@ -95,6 +95,7 @@ impl Mission {
         }
         config.sensor.range_m = scenario.sensor.range_m as f32;
         config.sensor.fov_rad = scenario.sensor.fov_deg.to_radians() as f32;
+        config.sensor.turn_s = scenario.sensor.turn_s as f32;
         // The other planners are flown unchanged.
         if scenario.explore_s > 0.0 && self.planner.kind == planner::Kind::Foxhound {
             config.planner.explore = Some(explore::Config {

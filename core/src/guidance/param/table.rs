@@ -66,6 +66,8 @@ pub const TABLE: &[Param] = &[
         "Full angle of the obstacle sensor's view, centred on the nose."),
     real("FH_OBS_RANGE", "m", 3.0, [0.1, 100.0], Value(|c| &mut c.sensor.range_m),
         "How far the obstacle sensor sees."),
+    real("FH_OBS_TURN", "s", 0.0, [0.0, 0.3], Value(|c| &mut c.sensor.turn_s),
+        "How long a scan takes the sensor, if it comes in a single OBSTACLE_DISTANCE when it is complete; 0: it is taken at once, as by a camera."),
     real("FH_OBS_MIN", "m", 0.075, [0.05, 1.0], Value(|c| &mut c.guard.coverage.smallest_obstacle_m),
         "Radius of the smallest obstacle that must not be overlooked."),
     real("FH_OBS_SIDE", "", 0.5, [0.0, 1.0], Value(|c| &mut c.guard.out_of_view_share),

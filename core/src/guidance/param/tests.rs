@@ -31,6 +31,7 @@ const PLACES: &[(&str, Place)] = &[
     ("FH_FENCE_R", |c| c.guard.fence.radius_m),
     ("FH_OBS_FOV", |c| c.sensor.fov_rad.to_degrees()),
     ("FH_OBS_RANGE", |c| c.sensor.range_m),
+    ("FH_OBS_TURN", |c| c.sensor.turn_s),
     ("FH_OBS_MIN", |c| c.guard.coverage.smallest_obstacle_m),
     ("FH_OBS_SIDE", |c| c.guard.out_of_view_share),
     ("FH_START_CLR", |c| c.guard.coverage.start_clearance_m),

@@ -36,6 +36,7 @@ pub(super) fn known(center_ned_m: Horizontal, radius_m: f32, origin: Origin) -> 
 fn unknown_scan() -> Scan {
     Scan {
         time: Instant(0),
+        turn_s: 0.0,
         first_azimuth_rad: -0.7,
         step_rad: 0.02,
         range_max_m: 3.0,
@@ -325,6 +326,7 @@ impl World {
             Pose { position_ned_m: Horizontal { north: place.0 as f32, east: place.1 as f32 }, yaw_rad: yaw as f32 };
         let scan = Scan {
             time: Instant(0),
+            turn_s: 0.0,
             first_azimuth_rad: first as f32,
             step_rad: step as f32,
             range_max_m: 3.0,
@@ -441,6 +443,7 @@ fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_la
                     });
                     let scan = Scan {
                         time: Instant(now),
+                        turn_s: 0.0,
                         first_azimuth_rad: number(3.0),
                         step_rad: number(0.09),
                         range_max_m: 3.0,

@@ -22,7 +22,7 @@ use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;
 use crate::base::pose::{ANGLE_MAX_RAD, Pose};
 use crate::base::time::Instant;
-use crate::base::units::{between, nearest, sin_cos};
+use crate::base::units::{between, nearest, sin_cos, wrap_pi};
 
 mod chain;
 mod circle;
@@ -86,8 +86,10 @@ pub enum Sector {
 /// One sweep of an obstacle sensor, in the body frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scan {
-    /// Estimated time of measurement.
+    /// Estimated time of measurement, of the middle of its turn.
     pub time: Instant,
+    /// Time from a ray to the next, times their number; 0 if all were measured at once, or that is not known.
+    pub turn_s: f32,
     /// Azimuth of ray 0, or of the middle of sector 0, from the nose, clockwise positive.
     pub first_azimuth_rad: f32,
     /// Azimuth step from a ray to the next; may be negative, never 0.
@@ -107,6 +109,33 @@ impl Scan {
             && (1e-4..=core::f32::consts::TAU * 1.001).contains(&width_rad)
             && self.range_max_m > 0.0
             && self.range_max_m <= RANGE_MAX_M
+    }
+
+    /// How long after [`Self::time`] the ray at an index was measured.
+    #[must_use]
+    pub fn after_s(&self, index: f32) -> f32 {
+        self.turn_s * ((index + 0.5) / self.rays.len().max(1) as f32 - 0.5)
+    }
+
+    /// The same scan, that took so long until its time, if it does not tell how long it took.
+    #[must_use]
+    pub fn lasting(&self, turn_s: f32) -> Self {
+        let mut scan = self.clone();
+        if scan.turn_s == 0.0 {
+            scan.turn_s = turn_s;
+            scan.time = Instant(scan.time.0.saturating_sub((0.5e6 * turn_s) as u64));
+        }
+        scan
+    }
+
+    /// The same scan with the azimuths of its rays from the nose as it was at its time, of a vehicle that yawed by so much
+    /// during the turn. Its rays then cover more or less than a full turn, as they did. `None` where it yawed half as fast as the sensor turns.
+    #[must_use]
+    pub fn straightened(&self, yawed_rad: f32) -> Option<Self> {
+        let share = yawed_rad / self.rays.len().max(1) as f32;
+        let first_azimuth_rad = wrap_pi(self.first_azimuth_rad - 0.5 * (yawed_rad - share));
+        let is_read = libm::fabsf(share) <= 0.5 * libm::fabsf(self.step_rad);
+        is_read.then(|| Self { first_azimuth_rad, step_rad: self.step_rad + share, ..self.clone() })
     }
 
     /// Whether no ray of it has a reading: the sensor is covered, or broken.

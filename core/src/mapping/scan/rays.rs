@@ -126,6 +126,12 @@ impl<'a> Sectors<'a> {
         }
     }
 
+    /// Index of the ray in the middle of a sector, or half between two.
+    #[must_use]
+    pub fn middle_ray(&self, index: usize) -> f32 {
+        (index * self.rays_each) as f32 + 0.5 * (self.rays_each - 1) as f32
+    }
+
     /// Number of sectors.
     #[must_use]
     pub fn count(&self) -> usize {

@@ -67,7 +67,7 @@ impl Marks {
 ///     if inside > 0.0 { Sector::Hit(along - libm::sqrtf(inside)) } else { Sector::Clear }
 /// });
 /// let time = Instant(0);
-/// let scan = Scan { time, first_azimuth_rad: -0.4, step_rad: 0.02, range_max_m: 3.0, rays: rays.collect() };
+/// let scan = Scan { time, turn_s: 0.0, first_azimuth_rad: -0.4, step_rad: 0.02, range_max_m: 3.0, rays: rays.collect() };
 /// let found = fit(&scan, &Pose::default()).unwrap_or_default();
 /// assert_eq!(found.detections.len(), 1);
 /// let pillar = found.detections[0];
@@ -79,16 +79,21 @@ impl Marks {
 /// Why it is refused.
 pub fn fit(scan: &Scan, pose: &Pose) -> Result<Segmentation, Refusal> {
     let mut segmentation = Segmentation::default();
-    fit_into(&mut segmentation, scan, pose)?;
+    fit_into(&mut segmentation, scan, pose, Horizontal::default())?;
     Ok(segmentation)
 }
 
-/// As [`fit`], into an empty segmentation in place: it takes 3 KB, and a copy of it would take another 3.
+/// As [`fit`], from a vehicle of a velocity, into an empty segmentation in place: it takes 3 KB, and a copy of it would take another 3.
 ///
 /// # Errors
 /// Why it is refused.
 #[inline(never)]
-pub fn fit_into(segmentation: &mut Segmentation, scan: &Scan, pose: &Pose) -> Result<(), Refusal> {
+pub fn fit_into(
+    segmentation: &mut Segmentation,
+    scan: &Scan,
+    pose: &Pose,
+    velocity_ned_mps: Horizontal,
+) -> Result<(), Refusal> {
     if !scan.is_plausible() {
         return Err(Refusal::Geometry);
     }
@@ -99,7 +104,7 @@ pub fn fit_into(segmentation: &mut Segmentation, scan: &Scan, pose: &Pose) -> Re
     let sectors = scan.in_sectors(SECTORS_MAX);
     segmentation.beside_rad = if sectors.is_exact() { 0.0 } else { sectors.outermost_ray() * sectors.step_rad };
     let mut marks = Marks::default();
-    trace(scan, &sectors, pose, segmentation, &mut marks);
+    trace(scan, &sectors, pose, velocity_ned_mps, segmentation, &mut marks);
     segmentation.check()?;
     segment(segmentation, &mut marks, sectors.step_rad, sectors.outermost_ray());
     Ok(())
@@ -125,7 +130,14 @@ pub fn fit_points_into(segmentation: &mut Segmentation, points: &Points, pose: &
 
 /// Collects the hits of a scan, with marks of what is beside them.
 #[inline(never)]
-fn trace(scan: &Scan, sectors: &Sectors<'_>, pose: &Pose, segmentation: &mut Segmentation, marks: &mut Marks) {
+fn trace(
+    scan: &Scan,
+    sectors: &Sectors<'_>,
+    pose: &Pose,
+    velocity_ned_mps: Horizontal,
+    segmentation: &mut Segmentation,
+    marks: &mut Marks,
+) {
     let step_rad = libm::fabsf(sectors.step_rad);
     let continues = |before: f32, range_m: f32| {
         let nearer = if range_m < before { range_m } else { before };
@@ -185,7 +197,8 @@ fn trace(scan: &Scan, sectors: &Sectors<'_>, pose: &Pose, segmentation: &mut Seg
             let side = nearer_side(beside(before(index), false), range_m, beside(next, true));
             let offset_rad = offsets_rad.get(index).copied().unwrap_or_default();
             let aside_rad = if sectors.is_exact() { between(offset_rad, -0.1, 0.1) } else { side * outermost_rad };
-            let _ = segmentation.points_m.push(turned_a_little(direction, aside_rad).times(range_m));
+            let from = velocity_ned_mps.times(scan.after_s(sectors.middle_ray(index)));
+            let _ = segmentation.points_m.push(turned_a_little(direction, aside_rad).times(range_m).plus(from));
             if outermost_rad != 0.0 {
                 let _ = segmentation.sides.push((100.0 * side) as i8);
             }
@@ -349,9 +362,9 @@ fn pillar(piece: &Run<'_>) -> Verdict {
 }
 
 impl Scan {
-    /// The hits of all rays, north and east of the sensor, in order; a full turn begins at a gap.
+    /// The hits of all rays, north and east of where the sensor was at the scan's time, in order; a full turn begins at a gap.
     #[inline(never)]
-    pub fn hits_into(&self, hits: &mut Vec<Horizontal, RAYS_MAX>, yaw_rad: f32) {
+    pub fn hits_into(&self, hits: &mut Vec<Horizontal, RAYS_MAX>, yaw_rad: f32, velocity_ned_mps: Horizontal) {
         let (turn, count) = (self.turn(), self.rays.len());
         let range_m = |index: usize| match self.rays.get(index) {
             Sector::Hit(range_m) if range_m > 0.0 && range_m <= self.range_max_m => range_m,
@@ -367,7 +380,8 @@ impl Scan {
             let range_m = range_m(index);
             if range_m > 0.0 {
                 // Cannot fail: there are as many places as rays.
-                let _ = hits.push(direction.times(range_m));
+                let from = velocity_ned_mps.times(self.after_s(index as f32));
+                let _ = hits.push(direction.times(range_m).plus(from));
             }
             direction = turned.on(direction);
         }

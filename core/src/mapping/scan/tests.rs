@@ -30,6 +30,7 @@ fn cast_wide(circles: &[(f64, f64, f64)], fov_deg: f64, range: f64, rays: usize)
     }
     Scan {
         time: Instant(0),
+        turn_s: 0.0,
         first_azimuth_rad: first as f32,
         step_rad: step as f32,
         range_max_m: range as f32,

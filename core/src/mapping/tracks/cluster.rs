@@ -33,6 +33,8 @@ pub(super) struct Cluster {
     pub(super) to: usize,
     pub(super) center_ned_m: Horizontal,
     pub(super) sigma_m: f32,
+    /// How long before the time of the tracks it was measured.
+    pub(super) ago_s: f32,
     /// Part of something long or straight: a wall, or people side by side.
     pub(super) is_long: bool,
     /// An earlier scan saw through where it is now.
@@ -41,8 +43,14 @@ pub(super) struct Cluster {
     pub(super) track: Option<u8>,
 }
 
-/// The clusters of a scan that may be objects.
-pub(super) fn find(clusters: &mut Vec<Cluster, CLUSTERS_MAX>, scan: &Scan, pose: &Pose, hits: &[Horizontal]) {
+/// The clusters of a scan, so late, that may be objects.
+pub(super) fn find(
+    clusters: &mut Vec<Cluster, CLUSTERS_MAX>,
+    scan: &Scan,
+    late_s: f32,
+    pose: &Pose,
+    hits: &[Horizontal],
+) {
     let step_rad = libm::fabsf(scan.step_rad);
     let mut from = 0;
     let mut cusp = Cusp::default();
@@ -54,11 +62,11 @@ pub(super) fn find(clusters: &mut Vec<Cluster, CLUSTERS_MAX>, scan: &Scan, pose:
         let (Some(before), next) = (hits.get(to - 1), hits.get(to)) else { continue };
         let cut = cusp.step(to - 1, before.norm());
         if let Some(cut) = cut.filter(|cut| *cut > from) {
-            cut_up(clusters, scan, pose, hits, from..cut);
+            cut_up(clusters, scan, late_s, pose, hits, from..cut);
             from = cut;
         }
         if next.is_none_or(|next| is_apart(*before, *next, step_rad)) {
-            cut_up(clusters, scan, pose, hits, from..to);
+            cut_up(clusters, scan, late_s, pose, hits, from..to);
             (from, cusp) = (to, Cusp::default());
         }
     }
@@ -69,6 +77,7 @@ pub(super) fn find(clusters: &mut Vec<Cluster, CLUSTERS_MAX>, scan: &Scan, pose:
 fn cut_up(
     clusters: &mut Vec<Cluster, CLUSTERS_MAX>,
     scan: &Scan,
+    late_s: f32,
     pose: &Pose,
     hits: &[Horizontal],
     piece: Range<usize>,
@@ -84,9 +93,14 @@ fn cut_up(
         let its = hits.get(from..to).unwrap_or_default();
         let (center, range_m) = center(its);
         let sigma_m = sigma_m(scan, pose, its, range_m);
+        let middle = its.get(its.len() / 2).map_or(0, |hit| ray_at(scan, pose, *hit));
+        let middle = if middle < 0 { middle + scan.rays.len() as i32 } else { middle };
+        let after_s = scan.after_s(middle as f32);
         let center_ned_m = center.plus(pose.position_ned_m);
+        let seen =
+            Cluster { from, to, center_ned_m, sigma_m, ago_s: late_s - after_s, is_long, was_free: false, track: None };
         // When the list is full, it is not followed.
-        let _ = clusters.push(Cluster { from, to, center_ned_m, sigma_m, is_long, was_free: false, track: None });
+        let _ = clusters.push(seen);
     }
 }
 
@@ -183,20 +197,24 @@ fn center(piece: &[Horizontal]) -> (Horizontal, f32) {
     (at, nearest_m)
 }
 
+/// Index of the ray that hit a point; it may be negative in a full turn.
+fn ray_at(scan: &Scan, pose: &Pose, point: Horizontal) -> i32 {
+    let azimuth_rad = wrap_pi(point.bearing_rad() - pose.yaw_rad - scan.first_azimuth_rad);
+    let index = nearest(azimuth_rad / scan.step_rad);
+    if scan.turn().is_none() && index < 0 {
+        index + nearest(core::f32::consts::TAU / libm::fabsf(scan.step_rad))
+    } else {
+        index
+    }
+}
+
 /// How well the centre is known: less well if something nearer hides a side of it, or if the view ends there.
 fn sigma_m(scan: &Scan, pose: &Pose, piece: &[Horizontal], range_m: f32) -> f32 {
     let by_width_m = 0.3 * libm::fabsf(scan.step_rad) * range_m;
     let mut sigma_m = if by_width_m > 0.02 { by_width_m } else { 0.02 };
     for (point, side) in [(piece.first(), -1), (piece.last(), 1)] {
         let Some(point) = point else { continue };
-        let azimuth_rad = wrap_pi(point.bearing_rad() - pose.yaw_rad - scan.first_azimuth_rad);
-        let index = nearest(azimuth_rad / scan.step_rad);
-        let index = if scan.turn().is_none() && index < 0 {
-            index + nearest(core::f32::consts::TAU / libm::fabsf(scan.step_rad))
-        } else {
-            index
-        };
-        let least_m = match scan.sector(index + side) {
+        let least_m = match scan.sector(ray_at(scan, pose, *point) + side) {
             Sector::Unknown => 0.15,
             Sector::Hit(hit_m) if hit_m < point.norm() - 0.1 => 0.06,
             _ => 0.0,

@@ -68,6 +68,8 @@ const SIGMA_MPS: f32 = 1.5;
 const MOVING_MIN_MPS: f32 = 0.25;
 /// A track's speed must exceed its sigma by this factor to count as moving.
 const MOVING_SIGMAS: f32 = 2.5;
+/// A scan is not taken for older than this.
+const LATE_MAX_S: f32 = 0.3;
 /// A track that is out of sight is forgotten after this long.
 const MEMORY_S: f32 = 3.0;
 
@@ -111,14 +113,23 @@ impl Track {
         self.through_s += dt_s;
     }
 
+    /// Centre some time ago.
+    fn center_before(&self, ago_s: f32) -> Horizontal {
+        self.center_ned_m.minus(self.velocity_ned_mps.times(ago_s))
+    }
+
+    /// The update by a centre as it was some time ago: the measurement matrix is `[1, -ago_s]`. The acceleration within
+    /// that time is neglected.
     fn update(&mut self, seen: &Cluster) {
         let [pp, pv, vv] = self.covariance;
-        let of = 1.0 / (pp + seen.sigma_m * seen.sigma_m);
-        let (gain_p, gain_v) = (pp * of, pv * of);
-        let innovation = seen.center_ned_m.minus(self.center_ned_m);
+        let ago_s = seen.ago_s;
+        let (with_p, with_v) = (pp - ago_s * pv, pv - ago_s * vv);
+        let of = 1.0 / (with_p - ago_s * with_v + seen.sigma_m * seen.sigma_m);
+        let (gain_p, gain_v) = (with_p * of, with_v * of);
+        let innovation = seen.center_ned_m.minus(self.center_before(ago_s));
         self.center_ned_m = self.center_ned_m.plus(innovation.times(gain_p));
         self.velocity_ned_mps = self.velocity_ned_mps.plus(innovation.times(gain_v)).clamped(20.0);
-        self.covariance = [pp * (1.0 - gain_p), pv * (1.0 - gain_p), vv - gain_v * pv];
+        self.covariance = [pp - gain_p * with_p, pv - gain_p * with_v, vv - gain_v * with_v];
         (self.unseen_s, self.clear_s) = (0.0, 0.0);
         self.scans = self.scans.saturating_add(1);
     }
@@ -193,6 +204,7 @@ impl Kept {
 /// All tracks, and some earlier scans.
 ///
 /// ```
+/// use foxhound_core::base::ned::Horizontal;
 /// use foxhound_core::base::pose::Pose;
 /// use foxhound_core::base::time::Instant;
 /// use foxhound_core::mapping::scan::{Scan, Sector};
@@ -211,9 +223,9 @@ impl Kept {
 ///         if inside > 0.0 { Sector::Hit(along - libm::sqrtf(inside)) } else { Sector::Clear }
 ///     });
 ///     let scan =
-///         Scan { time, first_azimuth_rad: -0.71, step_rad: 0.02, range_max_m: 5.0, rays: rays.collect() };
+///         Scan { time, turn_s: 0.0, first_azimuth_rad: -0.71, step_rad: 0.02, range_max_m: 5.0, rays: rays.collect() };
 ///     tracks.advance(time);
-///     tracks.observe_rays(&scan, &Pose::default());
+///     tracks.observe_rays(&scan, &Pose::default(), Horizontal::default());
 /// }
 /// let [track] = tracks.all() else { panic!("{tracks:?}") };
 /// assert!(track.moves() && (track.velocity_ned_mps.east - 1.0).abs() < 0.15, "{track:?}");
@@ -262,10 +274,10 @@ impl Tracks {
     }
 
     /// Tracks whose object is not seen although the sensor covers its place.
-    fn miss(&mut self, now: &Kept, taken: u32) {
+    fn miss(&mut self, now: &Kept, ago_s: f32, taken: u32) {
         let since_s = self.scanned.map_or(0.0, |scanned| between(now.time.seconds_since(scanned), 0.0, 0.2));
         for (t, track) in self.tracks.iter_mut().enumerate() {
-            if taken >> (t % 32) & 1 == 0 && now.beyond_m(track.center_ned_m) > 0.0 {
+            if taken >> (t % 32) & 1 == 0 && now.beyond_m(track.center_before(ago_s)) > 0.0 {
                 track.clear_s += since_s;
             }
         }
@@ -324,12 +336,12 @@ impl Tracks {
 
     /// Takes in a scan of more rays than circles are made from, as [`Self::observe`] does, each ray for itself.
     #[inline(never)]
-    pub fn observe_rays(&mut self, scan: &Scan, pose: &Pose) {
+    pub fn observe_rays(&mut self, scan: &Scan, pose: &Pose, velocity_ned_mps: Horizontal) {
         if !scan.is_plausible() || !pose.is_plausible() {
             return;
         }
         let mut hits: Vec<Horizontal, RAYS_MAX> = Vec::new();
-        scan.hits_into(&mut hits, pose.yaw_rad);
+        scan.hits_into(&mut hits, pose.yaw_rad, velocity_ned_mps);
         self.observe(scan, pose, &hits);
     }
 
@@ -337,7 +349,8 @@ impl Tracks {
     #[inline(never)]
     pub fn observe(&mut self, scan: &Scan, pose: &Pose, hits: &[Horizontal]) {
         let mut clusters: Vec<Cluster, CLUSTERS_MAX> = Vec::new();
-        cluster::find(&mut clusters, scan, pose, hits);
+        let late_s = self.time.map_or(0.0, |now| between(now.seconds_since(scan.time), 0.0, LATE_MAX_S));
+        cluster::find(&mut clusters, scan, late_s, pose, hits);
         if let Some(before) = self.before(scan.time) {
             for seen in &mut clusters {
                 seen.was_free = before.saw_through(hits, pose.position_ned_m, seen);
@@ -347,7 +360,7 @@ impl Tracks {
         let taken = associate(&self.tracks, &mut clusters);
         let mut now = Kept::default();
         now.take(scan, pose);
-        self.miss(&now, taken);
+        self.miss(&now, late_s, taken);
         self.scanned = Some(scan.time);
         for seen in &clusters {
             if let Some(track) = seen.track.and_then(|track| self.tracks.get_mut(usize::from(track))) {
@@ -363,10 +376,11 @@ impl Tracks {
 
     /// Begins a track. When the list is full, the farthest object that stands is replaced by a nearer one.
     fn begin(&mut self, seen: &Cluster, from_ned_m: Horizontal) {
+        let vv = SIGMA_MPS * SIGMA_MPS;
         let born = Track {
             center_ned_m: seen.center_ned_m,
             velocity_ned_mps: Horizontal::default(),
-            covariance: [seen.sigma_m * seen.sigma_m, 0.0, SIGMA_MPS * SIGMA_MPS],
+            covariance: [seen.sigma_m * seen.sigma_m + seen.ago_s * seen.ago_s * vv, seen.ago_s * vv, vv],
             unseen_s: 0.0,
             clear_s: 0.0,
             through_s: if seen.was_free { 0.0 } else { THROUGH_S },
@@ -397,7 +411,7 @@ fn associate(tracks: &[Track], clusters: &mut [Cluster]) -> u32 {
     }
     for (c, seen) in clusters.iter().enumerate() {
         for (t, (track, gate_m2)) in tracks.iter().zip(&gates).enumerate() {
-            let squared = seen.center_ned_m.minus(track.center_ned_m).norm_squared();
+            let squared = seen.center_ned_m.minus(track.center_before(seen.ago_s)).norm_squared();
             if squared < *gate_m2 {
                 // The last pairs of very many are left out.
                 let _ = pairs.push((squared, c as u8, t as u8));

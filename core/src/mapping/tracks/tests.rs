@@ -36,7 +36,7 @@ fn cast(time: Instant, pose: &Pose, (fov_deg, sectors): (f32, usize), circles: &
         }
         if nearest_m < 5.0 { Sector::Hit(nearest_m) } else { Sector::Clear }
     };
-    Scan { time, first_azimuth_rad, step_rad, range_max_m: 5.0, rays: (0..sectors).map(sector).collect() }
+    Scan { time, turn_s: 0.0, first_azimuth_rad, step_rad, range_max_m: 5.0, rays: (0..sectors).map(sector).collect() }
 }
 
 struct Watch {
@@ -60,7 +60,7 @@ impl Watch {
         let scan = cast(now, pose, self.view, circles);
         self.tracks.advance(now);
         if scan.is_fine() {
-            return self.tracks.observe_rays(&scan, pose);
+            return self.tracks.observe_rays(&scan, pose, Horizontal::default());
         }
         let look = scan::fit(&scan, pose).unwrap();
         self.tracks.observe(&scan, pose, &look.points_m);
@@ -101,6 +101,56 @@ fn a_person_is_followed_with_the_velocity_that_he_has_by_rays_and_by_wide_sector
             assert!(moving[0].center_ned_m.minus(person).norm() < 0.12, "{fov_deg} {velocity:?} {moving:?}");
             let off = moving[0].velocity_ned_mps.minus(velocity).norm();
             assert!(off < off_mps, "{fov_deg} {velocity:?}: {off}");
+        }
+    }
+}
+
+/// A sensor turns once while the vehicle flies, yaws and is late: a person has the place and velocity that he has now, and a pillar
+/// stands where it stands.
+#[test]
+fn a_turn_during_which_all_move_is_seen_as_it_was() {
+    const TURN_S: f32 = 0.1;
+    let velocity_ned_mps = horizontal(0.8, 0.6);
+    let pillar = (horizontal(-2.0, 0.5), RADIUS_M);
+    for (yaw_rate_radps, walks_mps) in
+        [(0.0, horizontal(0.0, 1.6)), (1.2, horizontal(-0.5, 1.2)), (-1.2, horizontal(0.7, -1.2))]
+    {
+        for (fov_deg, rays) in [(360.0, 360), (90.0, 72)] {
+            let pose = |time_s: f32| Pose {
+                position_ned_m: velocity_ned_mps.times(time_s - 2.0),
+                yaw_rad: yaw_rate_radps * (time_s - 2.0),
+            };
+            let person = |time_s: f32| horizontal(2.5, 0.0).plus(walks_mps.times(time_s - 2.0));
+            let mut tracks = Tracks::default();
+            let mut now_s = 0.0;
+            for turn in 0..20 {
+                let middle_s = 0.05 + SCAN_S * turn as f32;
+                let time = Instant((middle_s * 1e6) as u64);
+                let mut scan = cast(time, &pose(middle_s), (fov_deg, rays), &[]);
+                scan.turn_s = TURN_S;
+                for ray in 0..rays {
+                    let at_s = middle_s + scan.after_s(ray as f32);
+                    let seen = cast(time, &pose(at_s), (fov_deg, rays), &[(person(at_s), RADIUS_M), pillar]);
+                    scan.rays.set(ray, seen.rays.get(ray));
+                }
+                now_s = middle_s + 0.5 * TURN_S + 0.03;
+                tracks.advance(Instant((now_s * 1e6) as u64));
+                let scan = scan.straightened(yaw_rate_radps * TURN_S).unwrap();
+                if turn > 10 {
+                    let mut look = scan::Segmentation::default();
+                    scan::fit_into(&mut look, &scan, &pose(middle_s), velocity_ned_mps).unwrap();
+                    let away = |hit: &Horizontal| hit.plus(pose(middle_s).position_ned_m).minus(pillar.0).norm();
+                    let off = look.points_m.iter().map(away).filter(|away_m| *away_m < 0.8);
+                    let worst_m = off.map(|away_m| (away_m - RADIUS_M).abs()).fold(0.0, f32::max);
+                    assert!(worst_m < 0.02, "{yaw_rate_radps} {fov_deg}: beside the pillar by {worst_m}");
+                }
+                tracks.observe_rays(&scan, &pose(middle_s), velocity_ned_mps);
+            }
+            let moving: StdVec<&Track> = tracks.all().iter().filter(|track| track.moves()).collect();
+            let [track] = moving[..] else { panic!("{yaw_rate_radps} {fov_deg}: {:?}", tracks.all()) };
+            let off_m = track.center_ned_m.minus(person(now_s)).norm();
+            let off_mps = track.velocity_ned_mps.minus(walks_mps).norm();
+            assert!(off_m < 0.06 && off_mps < 0.1, "{yaw_rate_radps} {fov_deg}: {off_m} m, {off_mps} m/s");
         }
     }
 }

@@ -253,7 +253,7 @@ impl Explorer {
     ) {
         let here = pose.position_ned_m;
         let heading = Horizontal::from_bearing(pose.yaw_rad);
-        let RangeSensor { range_m, fov_rad } = *sensor;
+        let RangeSensor { range_m, fov_rad, .. } = *sensor;
         let (_, edge) = sin_cos(if fov_rad < TAU { 0.5 * fov_rad } else { 0.5 * TAU });
         let sees_around = fov_rad >= TAU;
         for cell in grid.cells_within(here, range_m) {

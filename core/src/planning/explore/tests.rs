@@ -96,12 +96,12 @@ struct Flight {
     state: State,
 }
 
-const AROUND: RangeSensor = RangeSensor { range_m: 4.0, fov_rad: TAU };
-const AHEAD: RangeSensor = RangeSensor { range_m: 4.0, fov_rad: 1.6 };
+const AROUND: RangeSensor = RangeSensor { range_m: 4.0, fov_rad: TAU, ..RangeSensor::DEFAULT };
+const AHEAD: RangeSensor = RangeSensor { range_m: 4.0, fov_rad: 1.6, ..RangeSensor::DEFAULT };
 const CLEARANCE_M: f32 = 0.2;
 
 fn around(range_m: f32) -> RangeSensor {
-    RangeSensor { range_m, fov_rad: TAU }
+    RangeSensor { range_m, fov_rad: TAU, ..RangeSensor::DEFAULT }
 }
 
 /// A vehicle that flies where it is sent, on paths that it knows, and knows the circles that it has been near.
@@ -340,7 +340,7 @@ fn poses_ranges_and_circles_that_are_no_numbers_do_no_harm() {
             &mut state,
             seconds(1.0),
             &pose,
-            &RangeSensor { range_m: value(3), fov_rad: value(2) },
+            &RangeSensor { range_m: value(3), fov_rad: value(2), ..RangeSensor::DEFAULT },
             [circle].iter(),
         );
         if let Explored::Target(target) = outcome {

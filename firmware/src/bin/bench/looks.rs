@@ -36,7 +36,7 @@ pub(super) fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             tracks.advance(now);
             let follow = measure(&mut || {
                 if scan.is_fine() {
-                    tracks.observe_rays(black_box(&scan), &pose);
+                    tracks.observe_rays(black_box(&scan), &pose, Horizontal::default());
                 } else {
                     tracks.observe(&scan, &pose, black_box(&seen.points_m));
                 }
@@ -115,5 +115,5 @@ pub(super) fn ranges(world: &[[f32; 3]], pose: &Pose, (fov_rad, rays): View, noi
         if centimetres > 300 { Sector::Clear } else { Sector::Hit(0.01 * centimetres.max(1) as f32) }
     };
     let rays = (0..rays).map(ray).collect();
-    Scan { time: Instant(0), first_azimuth_rad, step_rad, range_max_m: 3.0, rays }
+    Scan { time: Instant(0), turn_s: 0.0, first_azimuth_rad, step_rad, range_max_m: 3.0, rays }
 }

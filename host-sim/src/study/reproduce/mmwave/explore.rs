@@ -48,7 +48,7 @@ impl Explorer {
         let circles: Vec<Disc> = known.points().iter().map(circle).collect();
         let pose = Pose { position_ned_m: place.to_core(), yaw_rad: 0.0 };
         let now = Instant(u64::from(cycle) * CYCLE_US);
-        let sensor = RangeSensor { range_m: RANGE_M as f32, fov_rad: std::f32::consts::TAU };
+        let sensor = RangeSensor { range_m: RANGE_M as f32, fov_rad: std::f32::consts::TAU, ..RangeSensor::DEFAULT };
         for _ in 0..2 {
             let explored = self.explorer.step(&mut self.state, now, &pose, &sensor, circles.iter());
             match explored {
