@@ -5,6 +5,7 @@ use super::turning::Turning;
 use super::{Guidance, Input, Output, State};
 use crate::base::history::FullPose;
 use crate::base::ned::Horizontal;
+use crate::base::obstacle::Neighbour;
 use crate::base::ownship::{Ownship, Stale};
 use crate::base::trace::Trace;
 use crate::control::guard::{self, GuardInput, Setpoint};
@@ -245,6 +246,7 @@ impl<const N: usize> Guidance<N> {
             look: input.look,
             is_landed: input.is_landed,
             is_blocked: state.arrival.is_blocked,
+            clearance_m: clearance_m(state),
             tick_s: self.tick_s,
         };
         state.arrival.advice = Some(lander.step(&mut state.arrival.landing, &facts));
@@ -291,6 +293,15 @@ impl<const N: usize> Guidance<N> {
             place_ned_m: situation.position_ned_m,
         }
     }
+}
+
+/// Distance of the hull from the nearest obstacle in the list of those that are near.
+fn clearance_m<const N: usize>(state: &State<N>) -> f32 {
+    let Some(ownship) = &state.vehicle.ownship else { return 0.0 };
+    let here = ownship.position_ned_m.horizontal();
+    let away_m = |other: &Neighbour| other.center_ned_m.minus(here).norm() - other.reach_m;
+    let near = state.surroundings.near.iter().map(away_m);
+    near.fold(f32::INFINITY, |least, away| if away < least { away } else { least })
 }
 
 fn take_ownship<const N: usize>(state: &mut State<N>, heard: Option<Ownship>) {

@@ -18,7 +18,7 @@
 //! | | arrived, or known to be near for long | `Approaching` |
 //! | | near for long and not known well enough | `SearchingBeacon` |
 //! | | pad found near the beacon | `Centring` |
-//! | `Approaching` | above the beacon, no camera expected | hand over, `Arrived`; land if the user wants it |
+//! | `Approaching` | above the beacon, no camera expected | hand over, `Arrived`; land if the user wants it; `Blocked` while an obstacle is too near for that |
 //! | | above the beacon, camera, pad not seen | `SearchingPad` |
 //! | | above the beacon, no frames, or bad ones only | hand over, `NoCamera` |
 //! | | the estimated beacon was not there | `Seeking`, `retries_max` times; then hand over, `Ambiguous` |
@@ -79,6 +79,8 @@ use observation::{PadObservation, Seen};
 const OWNSHIP_AGE_MAX_S: f32 = 0.5;
 /// Larger readings of a range finder are ignored.
 const FINDER_MAX_M: f32 = 200.0;
+/// The autopilot is asked to land beside the beacon only with this much room around the hull: it knows no obstacles, and drifts.
+const LAND_ROOM_M: f32 = 0.25;
 
 /// Configuration of the landing.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -249,6 +251,8 @@ pub struct Input<'a> {
     pub is_landed: bool,
     /// The guard braked in the last step.
     pub is_blocked: bool,
+    /// Distance of the hull from the nearest known obstacle; infinite if none is near.
+    pub clearance_m: f32,
     /// Time since the last step.
     pub tick_s: f32,
 }
@@ -322,6 +326,7 @@ pub fn plausible_height_m(height_m: Option<f32>) -> Option<f32> {
 ///     look: None,
 ///     is_landed: false,
 ///     is_blocked: false,
+///     clearance_m: f32::INFINITY,
 ///     tick_s: 0.02,
 /// };
 /// // Nothing is heard yet: the planner is followed.
@@ -478,14 +483,14 @@ impl Lander {
         } else {
             input.fix.map(|fix| Target { place_ned_m: fix.place_ned_m, sigma_m: fix.sigma_m, is_pad: false })
         };
-        let is_there =
-            state.stage == Stage::Landed || (state.stage == Stage::HandedOver && state.reason == Some(Reason::Arrived));
+        let is_above = state.stage == Stage::HandedOver && state.reason == Some(Reason::Arrived);
+        let is_narrow = is_above && self.config.request_land && !(input.clearance_m >= LAND_ROOM_M);
         Output {
             stage: state.stage,
             demand,
-            reason: state.reason,
+            reason: if is_narrow { Some(Reason::Blocked) } else { state.reason },
             target,
-            wants_land: self.config.request_land && is_there,
+            wants_land: self.config.request_land && !is_narrow && (is_above || state.stage == Stage::Landed),
         }
     }
 

@@ -185,7 +185,10 @@ impl Downward {
 
     /// Records a step; true if the flight is over.
     pub(super) fn follow(&mut self, time_s: f64, output: &Output) -> bool {
-        let Some(advice) = output.landing else { return false };
+        let Some(advice) = output.landing else {
+            // The autopilot flies the landing that was asked for, until it is on the ground.
+            return self.touchdown_mps.is_some() && self.last.is_some_and(|last| last.wants_land);
+        };
         self.last = Some(advice);
         let waits_s = match advice.stage {
             Stage::Landed => LANDED_S,

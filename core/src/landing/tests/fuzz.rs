@@ -120,6 +120,7 @@ fn no_facts_lead_to_a_demand_outside_of_the_limits() {
                 },
                 is_landed: rng.uniform() < 0.001,
                 is_blocked: rng.uniform() < 0.1,
+                clearance_m: if rng.uniform() < 0.1 { f32::NAN } else { rng.uniform() },
                 tick_s: if rng.uniform() < wildness { some(&mut rng, 1.0, 0.5) } else { 0.02 },
                 ..nothing(now)
             };

@@ -38,6 +38,7 @@ pub(super) struct Told<'a> {
     pub(super) look: Option<PadObservation>,
     pub(super) is_landed: bool,
     pub(super) is_blocked: bool,
+    pub(super) clearance_m: f32,
     pub(super) tick_s: f32,
 }
 
@@ -47,7 +48,8 @@ impl Landing {
     }
 
     pub(super) fn step(&self, state: &mut Memory, told: &Told<'_>) -> Output {
-        let Told { now, ownship, height_m, bearing, estimate, look, is_landed, is_blocked, tick_s } = *told;
+        let Told { now, ownship, height_m, bearing, estimate, look, is_landed, is_blocked, clearance_m, tick_s } =
+            *told;
         let fix = fresh(ownship, now).and_then(|ownship| {
             if let Some(jump) = state.poses.note(ownship) {
                 state.near.shift(jump);
@@ -65,7 +67,8 @@ impl Landing {
             state.near.fix(now, pose.place_ned_m)
         });
         let poses = &state.poses;
-        let input = Input { now, ownship, height_m, poses, fix, estimate, look, is_landed, is_blocked, tick_s };
+        let input =
+            Input { now, ownship, height_m, poses, fix, estimate, look, is_landed, is_blocked, clearance_m, tick_s };
         self.lander.step(&mut state.landing, &input)
     }
 }
@@ -91,6 +94,7 @@ pub(super) fn nothing(micros: u64) -> Told<'static> {
         look: None,
         is_landed: false,
         is_blocked: false,
+        clearance_m: f32::INFINITY,
         tick_s: 0.02,
     }
 }

@@ -387,6 +387,7 @@ impl Flight {
             look,
             is_landed: self.world.says_landed && is_down,
             is_blocked: inside(world.blocked_s, time_s),
+            clearance_m: f32::INFINITY,
             ..nothing(self.now().0)
         };
         let before = advice_before(state);

@@ -80,6 +80,7 @@ pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
                 look,
                 is_landed: place.down >= 0.0,
                 is_blocked: false,
+                clearance_m: f32::INFINITY,
                 tick_s: TICK_S,
             };
             advice = Some(lander.step(&mut state, black_box(&input)));
