@@ -135,7 +135,7 @@ fn recorded_people_who_do_not_step_aside_are_evaded() {
             ("told all round, 1 m/s", TOLD_1, "point", 0, 225),
             ("told all round, 2 m/s", TOLD_2, "point", 0, 225),
             ("scan of 72 sectors all round", SCAN_360, "point", 14, 211),
-            ("scan of 360 rays all round", RAYS_360, "point", 3, 222),
+            ("scan of 360 rays all round", RAYS_360, "point", 4, 221),
             ("lidar on the computer's own line", LIDAR, "point", 2, 223),
             ("scan of 90 deg, 3 m", SCAN_90, "point", 59, 166),
             ("told in 90 deg, 3 m", TOLD_90, "point", 42, 183),

@@ -53,7 +53,7 @@ impl RangeSensor {
     /// # Errors
     /// The field that is out of range.
     pub fn check(&self) -> Result<(), ConfigError> {
-        check("sensor.range_m", self.range_m, 0.1, 100.0)?;
+        check("sensor.range_m", self.range_m, 0.35, 100.0)?;
         check("sensor.turn_s", self.turn_s, 0.0, 0.3)?;
         check("sensor.fov_rad", self.fov_rad, 0.1, TAU).map(drop)
     }

@@ -16,7 +16,7 @@ use super::output;
 const SAMPLES: usize = 256;
 
 /// Fields of a configuration that are refused because of others, the parameters that hold them, and those that they must fit.
-const TOGETHER: [(&str, &str, &[&str]); 16] = [
+const TOGETHER: [(&str, &str, &[&str]); 17] = [
     ("vehicle.radius_m + planner.margin_m", "FH_RADIUS + FH_MARGIN", &["FH_RADIUS", "FH_MARGIN"]),
     ("link.heartbeat_timeout_s", "FH_HB_TMO", &["FH_SILENT"]),
     ("link.silence_after_s", "FH_SILENT", &["FH_HB_TMO"]),
@@ -32,7 +32,8 @@ const TOGETHER: [(&str, &str, &[&str]); 16] = [
     ("vehicle_model.dead_time_s", "FH_DEAD_TIME", &[]),
     ("vehicle.radius_m", "FH_RADIUS", &[]),
     ("planner.margin_m", "FH_MARGIN", &[]),
-    ("guard.v_max_mps", "FH_SPD_MAX", &[]),
+    ("guard.v_max_mps", "FH_SPD_MAX", &["FH_STALL_T", "FH_STALL_R"]),
+    ("sensor.range_m", "FH_OBS_RANGE", &["FH_RADIUS"]),
 ];
 
 /// The given parameters, and the full set with them.

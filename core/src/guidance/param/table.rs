@@ -64,7 +64,7 @@ pub const TABLE: &[Param] = &[
     // Obstacle sensor.
     real("FH_OBS_FOV", "deg", 90.0, [5.73, 360.0], Parts(|c| Some(c.sensor.fov_rad * (180.0 / PI)), parts::set_obs_fov),
         "Full angle of the obstacle sensor's view, centred on the nose."),
-    real("FH_OBS_RANGE", "m", 3.0, [0.1, 100.0], Value(|c| &mut c.sensor.range_m),
+    real("FH_OBS_RANGE", "m", 3.0, [0.35, 100.0], Value(|c| &mut c.sensor.range_m),
         "How far the obstacle sensor sees."),
     real("FH_OBS_TURN", "s", 0.0, [0.0, 0.3], Value(|c| &mut c.sensor.turn_s),
         "How long a scan takes the sensor, if it comes in a single OBSTACLE_DISTANCE when it is complete; 0: it is taken at once, as by a camera."),

@@ -96,6 +96,11 @@ fn company(id: Id, value: f32) -> Vec<(Id, f32)> {
     let others: &[(&str, f32)] = match id.name() {
         "FH_MARGIN" => &[("FH_MARGIN_TGT", 0.0)],
         "FH_MARGIN_TGT" => &[("FH_MARGIN", value)],
+        "FH_SPD_MAX" => &[("FH_STALL_T", 100.0)],
+        "FH_RADIUS" => &[("FH_OBS_RANGE", 6.0)],
+        "FH_OBS_RANGE" => &[("FH_RADIUS", if value > 0.5 { 0.15 } else { 0.0 })],
+        "FH_STALL_T" => &[("FH_STALL_R", 0.5)],
+        "FH_STALL_R" => &[("FH_STALL_T", 600.0)],
         "FH_SRCH_R" => &[("FH_SRCH_TIME", 60.0)],
         "FH_WAVELEN" => &[("FH_ARR_SIDE", 0.4 * value)],
         "FH_ARR_SIDE" => &[("FH_WAVELEN", if value > 1.0 { 10.0 } else { 2.5 * value })],
@@ -228,6 +233,10 @@ fn values_that_do_not_fit_together_are_seen_by_the_build_and_named() {
         (named("FH_MARGIN_TGT"), 0.06, "planner.tight_margin_m"),
         (named("FH_TONE_HI"), 60_000.0, "phase.tone_band_hz"),
         (named("FH_SRCH_TIME"), 0.5, "explore.limit_s"),
+        (named("FH_OBS_RANGE"), 0.45, "sensor.range_m"),
+        (named("FH_RADIUS"), 2.7, "sensor.range_m"),
+        (named("FH_SPD_MAX"), 0.09, "guard.v_max_mps"),
+        (named("FH_STALL_R"), 11.0, "guard.v_max_mps"),
     ] {
         let mut values = Values::DEFAULT;
         values.set(id, value).unwrap();

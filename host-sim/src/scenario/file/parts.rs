@@ -89,7 +89,7 @@ pub struct Sensor {
     #[schemars(range(min = 6.0, max = 360.0))]
     pub fov_deg: f64,
     /// Range.
-    #[schemars(range(min = 0.1, max = 100.0))]
+    #[schemars(range(min = 0.35, max = 100.0))]
     pub range_m: f64,
     /// Whether pillars hide what is behind them.
     pub occlusion: bool,
