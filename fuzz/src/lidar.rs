@@ -27,6 +27,8 @@ pub fn lidar(case: &[u8]) -> Reached {
         let step_cdeg = if draw.below(8) == 0 { draw.word() % 400 } else { 80 };
         let mut bytes = [0; FRAME_BYTES];
         bytes[..2].copy_from_slice(&[0x54, 0x2C]);
+        // 80 hundredths of a degree from point to point are ten turns a second.
+        bytes[2..4].copy_from_slice(&((45 * step_cdeg) as u16).to_le_bytes());
         bytes[4..6].copy_from_slice(&((first_cdeg % 36_000) as u16).to_le_bytes());
         let (word, mix) = (draw.word(), draw.word());
         for (index, byte) in bytes[6..42].iter_mut().enumerate() {

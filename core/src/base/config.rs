@@ -57,6 +57,18 @@ impl RangeSensor {
         check("sensor.turn_s", self.turn_s, 0.0, 0.3)?;
         check("sensor.fov_rad", self.fov_rad, 0.1, TAU).map(drop)
     }
+
+    /// Checks that it sees beyond a hull: with less than 0.35 m of sight an obstacle is known too late to keep clear of it.
+    ///
+    /// # Errors
+    /// The range, if it is too short.
+    pub fn check_beyond(&self, hull_m: f32) -> Result<(), ConfigError> {
+        if self.range_m >= hull_m + 0.35 {
+            return Ok(());
+        }
+        let why = Why::Inconsistent("the obstacle sensor must see 0.35 m farther than the hull");
+        Err(ConfigError { field: "sensor.range_m", value: self.range_m, why })
+    }
 }
 
 impl Default for RangeSensor {

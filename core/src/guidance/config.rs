@@ -17,8 +17,6 @@ use crate::signal::phase;
 
 /// After a brake plan the next one is requested after this long.
 const RETRY_S: f32 = 0.5;
-/// A sensor that sees less far beyond the hull shows an obstacle too late to keep clear of it.
-const BEYOND_HULL_M: f32 = 0.35;
 
 /// Configuration of the whole chain, module by module.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -129,11 +127,7 @@ impl Config {
         self.build_planner()?;
         let vehicle_model = self.vehicle_model.build(self.tick_s)?;
         let guard = self.guard.build(&self.vehicle, &self.sensor)?;
-        let range_m = self.sensor.range_m;
-        if range_m < self.vehicle.radius_m + BEYOND_HULL_M {
-            let why = Why::Inconsistent("the obstacle sensor must see 0.35 m farther than the hull");
-            return Err(ConfigError { field: "sensor.range_m", value: range_m, why });
-        }
+        self.sensor.check_beyond(self.vehicle.radius_m)?;
         if self.guard.v_max_mps * self.mission.stall_s < 2.0 * self.mission.stall_radius_m {
             let why =
                 Why::Inconsistent("too slow to move by the stall radius in half of the stall time: it would give up");

@@ -6,6 +6,7 @@
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
+use foxhound_core::base::config::RangeSensor;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -249,6 +250,8 @@ impl Scenario {
         ] {
             check_window(name, window)?;
         }
+        let sight = RangeSensor { range_m: self.sensor.range_m as f32, ..RangeSensor::DEFAULT };
+        sight.check_beyond(self.drone_radius as f32).map_err(|error| InputError::new(error.to_string()))?;
         Ok(self)
     }
 

@@ -207,7 +207,7 @@ pub struct Antenna {
 #[serde(default)]
 pub struct Limits {
     /// Speed, m/s.
-    #[schemars(range(min = 0.05, max = 20.0))]
+    #[schemars(range(min = 0.1, max = 20.0))]
     pub v_max: f64,
     /// Largest speed while evading moving obstacles, m/s, if it is above `v_max`.
     #[schemars(range(min = 0.0, max = 20.0))]

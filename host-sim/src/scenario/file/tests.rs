@@ -123,7 +123,7 @@ fn unknown_keys_are_named_with_their_path_and_the_nearest_known_one() {
 
 #[test]
 fn values_out_of_range_are_named_with_value_and_range() {
-    assert_eq!(refused(r#"{"limits":{"v_max":-1}}"#), "limits.v_max = -1 is outside 0.05..=20");
+    assert_eq!(refused(r#"{"limits":{"v_max":-1}}"#), "limits.v_max = -1 is outside 0.1..=20");
     for (text, field) in [
         (r#"{"drone_radius":0}"#, "drone_radius"),
         (r#"{"start":[1e9,0]}"#, "start[0]"),
