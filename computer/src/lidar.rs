@@ -105,6 +105,7 @@ impl Config {
             began: None,
             astern_cdeg: libm::roundf(100.0 * wrap_pi(PI - sense * self.mount.yaw_rad).to_degrees() + 36_000.0) as u32
                 % TURN_CDEG,
+            ended: None,
             speed_degps: 0,
             is_new: false,
             counters,
@@ -147,6 +148,8 @@ pub struct Lidar {
     began: Option<Instant>,
     /// Its angle astern, where a turn begins.
     astern_cdeg: u32,
+    /// When the last turn was seen to have ended.
+    ended: Option<Instant>,
     /// How fast it turns.
     speed_degps: u16,
     is_new: bool,
@@ -179,6 +182,10 @@ impl Lidar {
             }
         }
         if self.counters.turns != turns {
+            self.ended = Some(now);
+        }
+        // What arrived by one time may come in two pieces: a ring has an end.
+        if self.ended == Some(now) {
             self.date(now);
         }
     }
@@ -249,10 +256,11 @@ impl Lidar {
             self.rays.resize(0);
             self.rays.resize(RAYS_MAX);
         }
+        let from_cdeg = first_cdeg + TURN_CDEG - self.astern_cdeg;
         for point in 0..POINTS {
             let at = 6 + 3 * point;
             let along_cdeg = span_cdeg * point as u32 / (POINTS as u32 - 1);
-            let ray = ((first_cdeg + along_cdeg + TURN_CDEG - self.astern_cdeg) / 100 % u32::from(RAYS)) as u16;
+            let ray = ((from_cdeg + along_cdeg) / 100 % u32::from(RAYS)) as u16;
             let confidence = self.bytes.get(at + 2).copied().unwrap_or(0);
             let seen = self.seen(self.word(at), confidence);
             self.note(now, ray, seen);

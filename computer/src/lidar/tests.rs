@@ -88,7 +88,8 @@ fn a_turn_is_a_scan_of_one_degree_with_the_nearest_point_in_each() {
             assert_eq!(scan.turn(), Some(360));
             for (degree, sector) in scan.rays.iter().enumerate() {
                 let Sector::Hit(range_m) = sector else { panic!("{degree}: {sector:?}") };
-                let nearest_m = 1.0 + degree as f32 * 0.01;
+                // Ray 0 is astern.
+                let nearest_m = 1.0 + ((degree + 180) % 360) as f32 * 0.01;
                 assert!((nearest_m - 0.001..nearest_m + 0.009).contains(&range_m), "{degree}: {range_m}");
             }
         }
@@ -107,7 +108,10 @@ fn the_time_of_a_scan_is_the_middle_of_its_turn_however_long_its_bytes_waited() 
             let step = Instant(time.0.div_ceil(step_us) * step_us);
             // The next frame comes after this step.
             if time.0 + 2_667 > step.0 {
-                lidar.push(step, &std::mem::take(&mut waiting));
+                let waited = std::mem::take(&mut waiting);
+                let (first, rest) = waited.split_at(waited.len() * 2 / 3);
+                lidar.push(step, first);
+                lidar.push(step, rest);
             }
             if let Some(scan) = lidar.scan() {
                 middle_us += 100_000;
