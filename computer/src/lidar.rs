@@ -165,7 +165,7 @@ impl Lidar {
                 *slot = *byte;
                 self.filled += 1;
             }
-            while self.filled > 0 && !self.may_begin() {
+            while (1..=BEGIN.len()).contains(&self.filled) && !self.may_begin() {
                 self.skip();
             }
             if self.filled == FRAME_BYTES {
