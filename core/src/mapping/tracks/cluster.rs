@@ -43,7 +43,7 @@ pub(super) struct Cluster {
     pub(super) track: Option<u8>,
 }
 
-/// The clusters of a scan, so late, that may be objects.
+/// The clusters that may be objects, of a scan that is `late_s` old.
 pub(super) fn find(
     clusters: &mut Vec<Cluster, CLUSTERS_MAX>,
     scan: &Scan,
