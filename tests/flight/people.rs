@@ -29,6 +29,9 @@ const TOLD_1: &str = r#"{"sensor":{"fov_deg":360,"range_m":5}}"#;
 const TOLD_2: &str = r#"{"sensor":{"fov_deg":360,"range_m":5},"limits":{"v_max":2}}"#;
 const SCAN_360: &str = r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5,"turn_s":0.1}}"#;
 const RAYS_360: &str = r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5,"rays":360,"turn_s":0.1}}"#;
+/// The same by sensors that measure all rays at once.
+const SCAN_360_AT_ONCE: &str = r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5}}"#;
+const RAYS_360_AT_ONCE: &str = r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5,"rays":360}}"#;
 const LIDAR: &str = r#"{"sensor":{"model":"lidar","fov_deg":360,"range_m":5}}"#;
 const SCAN_90: &str = r#"{"sensor":{"model":"scan"}}"#;
 const SCAN_360_FAST: &str =
@@ -137,6 +140,8 @@ fn recorded_people_who_do_not_step_aside_are_evaded() {
             ("scan of 72 sectors all round", SCAN_360, "point", 14, 211),
             ("scan of 360 rays all round", RAYS_360, "point", 4, 221),
             ("lidar on the computer's own line", LIDAR, "point", 2, 223),
+            ("72 sectors at once", SCAN_360_AT_ONCE, "point", 12, 213),
+            ("360 rays at once", RAYS_360_AT_ONCE, "point", 5, 220),
             ("scan of 90 deg, 3 m", SCAN_90, "point", 59, 166),
             ("told in 90 deg, 3 m", TOLD_90, "point", 42, 183),
             ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "point", 8, 217),
@@ -147,6 +152,8 @@ fn recorded_people_who_do_not_step_aside_are_evaded() {
             ("scan of 72 sectors all round", SCAN_360, "arducopter", 22, 203),
             ("scan of 360 rays all round", RAYS_360, "arducopter", 7, 218),
             ("lidar on the computer's own line", LIDAR, "arducopter", 8, 217),
+            ("72 sectors at once", SCAN_360_AT_ONCE, "arducopter", 24, 201),
+            ("360 rays at once", RAYS_360_AT_ONCE, "arducopter", 7, 218),
             ("scan of 90 deg, 3 m", SCAN_90, "arducopter", 89, 136),
             ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "arducopter", 18, 207),
             ("scan of 360 rays all round, evading at 2 m/s", RAYS_360_FAST, "arducopter", 8, 217),
@@ -185,6 +192,10 @@ fn drawn_people_who_cross_the_way_are_evaded() {
             ("scan of 72 sectors all round", SCAN_360, "arducopter", 13, 27),
             ("scan of 360 rays all round", RAYS_360, "point", 2, 38),
             ("scan of 360 rays all round", RAYS_360, "arducopter", 6, 34),
+            ("72 sectors at once", SCAN_360_AT_ONCE, "point", 5, 35),
+            ("72 sectors at once", SCAN_360_AT_ONCE, "arducopter", 12, 28),
+            ("360 rays at once", RAYS_360_AT_ONCE, "point", 1, 39),
+            ("360 rays at once", RAYS_360_AT_ONCE, "arducopter", 3, 37),
         ],
     );
 }
@@ -198,6 +209,8 @@ fn who_is_followed_is_followed_well_and_nobody_else_is() {
         ("scan of 360 rays all round", RAYS_360, [0.15, 0.05, 0.03], 0.01),
         ("scan of 72 sectors all round", SCAN_360, [0.6, 0.15, 0.06], 0.01),
         ("lidar on the computer's own line", LIDAR, [0.15, 0.05, 0.03], 0.01),
+        ("360 rays at once", RAYS_360_AT_ONCE, [0.15, 0.05, 0.03], 0.005),
+        ("72 sectors at once", SCAN_360_AT_ONCE, [0.6, 0.15, 0.06], 0.005),
         ("scan of 90 deg, 3 m", SCAN_90, [0.15, 0.05, 0.03], 0.005),
     ] {
         let mut following = Following::default();
@@ -210,17 +223,17 @@ fn who_is_followed_is_followed_well_and_nobody_else_is() {
     }
 }
 
-/// The most flights of a scene that may hit somebody: a point mass told all round and by scans of 72 sectors in turns of 0.1 s, then the same beside
-/// ArduCopter's delays. The test prints it as it stands here.
-const SCENE_HITS: [[usize; 4]; 8] = [
-    [0, 0, 0, 0],  // crossing
-    [2, 8, 8, 12], // swaying
-    [4, 7, 7, 13], // stopping
-    [2, 5, 1, 7],  // turning
-    [0, 6, 1, 11], // in groups
-    [0, 1, 1, 3],  // overtaking
-    [0, 0, 4, 3],  // two streams in a corridor of 4 m
-    [0, 0, 0, 0],  // stepping aside
+/// The most flights of a scene that may hit somebody: a point mass told all round and by scans of 72 sectors in turns of 0.1 s, the same beside
+/// ArduCopter's delays, and both by scans of 72 sectors at once. The test prints it as it stands here.
+const SCENE_HITS: [[usize; 6]; 8] = [
+    [0, 0, 0, 0, 1, 0],   // crossing
+    [2, 8, 8, 12, 5, 10], // swaying
+    [4, 7, 7, 13, 8, 9],  // stopping
+    [2, 5, 1, 7, 5, 4],   // turning
+    [0, 6, 1, 11, 9, 11], // in groups
+    [0, 1, 1, 3, 2, 1],   // overtaking
+    [0, 0, 4, 3, 2, 6],   // two streams in a corridor of 4 m
+    [0, 0, 0, 0, 0, 0],   // stepping aside
 ];
 
 /// 20 flights each among people who cross, sway, stop, turn, walk in groups, overtake, come in two streams, and step aside, at
@@ -232,7 +245,14 @@ fn people_who_do_more_than_walk_straight_on_are_evaded() {
         let worlds = scenes::worlds(scene);
         let seeded = worlds.iter().zip(seeds::TEST);
         let straight = seeded.filter(|(world, seed)| policies::fly(world, *seed, Policy::Straight, 1.0).hit).count();
-        let settings = [(TOLD_1, "point"), (SCAN_360, "point"), (TOLD_1, "arducopter"), (SCAN_360, "arducopter")];
+        let settings = [
+            (TOLD_1, "point"),
+            (SCAN_360, "point"),
+            (TOLD_1, "arducopter"),
+            (SCAN_360, "arducopter"),
+            (SCAN_360_AT_ONCE, "point"),
+            (SCAN_360_AT_ONCE, "arducopter"),
+        ];
         let rows = settings.map(|(setting, vehicle)| fly(&worlds, setting, vehicle));
         let (hit, reached) = (rows.each_ref().map(|row| row.hit), rows.each_ref().map(|row| row.reached));
         eprintln!("    {hit:?}, // {}; {reached:?} reached; straight on {straight} of {}", scene.0, worlds.len());
@@ -254,4 +274,5 @@ fn pillars_that_move_are_not_hit_and_those_that_swing_seldom() {
     let movers: Vec<Value> = (0..scenes::FLIGHTS).map(|_| trap.clone()).collect();
     hold(&movers, &[("the trap's moving pillars, scan of 72 sectors all round", SCAN_360, "point", 0, 20)]);
     hold(&scenes::swinging(), &[("pillars that swing, scan of 72 sectors all round", SCAN_360, "point", 4, 16)]);
+    hold(&scenes::swinging(), &[("pillars that swing, 72 sectors at once", SCAN_360_AT_ONCE, "point", 2, 18)]);
 }
