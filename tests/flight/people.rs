@@ -32,6 +32,9 @@ const RAYS_360: &str = r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5,"r
 /// The same by sensors that measure all rays at once.
 const SCAN_360_AT_ONCE: &str = r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5}}"#;
 const RAYS_360_AT_ONCE: &str = r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5,"rays":360}}"#;
+const SCAN_360_FAST_AT_ONCE: &str = r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5},"limits":{"v_evade":2}}"#;
+const RAYS_360_FAST_AT_ONCE: &str =
+    r#"{"sensor":{"model":"scan","fov_deg":360,"range_m":5,"rays":360},"limits":{"v_evade":2}}"#;
 const LIDAR: &str = r#"{"sensor":{"model":"lidar","fov_deg":360,"range_m":5}}"#;
 const SCAN_90: &str = r#"{"sensor":{"model":"scan"}}"#;
 const SCAN_360_FAST: &str =
@@ -142,6 +145,8 @@ fn recorded_people_who_do_not_step_aside_are_evaded() {
             ("lidar on the computer's own line", LIDAR, "point", 2, 223),
             ("72 sectors at once", SCAN_360_AT_ONCE, "point", 12, 213),
             ("360 rays at once", RAYS_360_AT_ONCE, "point", 5, 220),
+            ("72 sectors at once, evading at 2 m/s", SCAN_360_FAST_AT_ONCE, "point", 7, 218),
+            ("360 rays at once, evading at 2 m/s", RAYS_360_FAST_AT_ONCE, "point", 6, 219),
             ("scan of 90 deg, 3 m", SCAN_90, "point", 59, 166),
             ("told in 90 deg, 3 m", TOLD_90, "point", 42, 183),
             ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "point", 8, 217),
@@ -154,6 +159,8 @@ fn recorded_people_who_do_not_step_aside_are_evaded() {
             ("lidar on the computer's own line", LIDAR, "arducopter", 8, 217),
             ("72 sectors at once", SCAN_360_AT_ONCE, "arducopter", 24, 201),
             ("360 rays at once", RAYS_360_AT_ONCE, "arducopter", 7, 218),
+            ("72 sectors at once, evading at 2 m/s", SCAN_360_FAST_AT_ONCE, "arducopter", 17, 208),
+            ("360 rays at once, evading at 2 m/s", RAYS_360_FAST_AT_ONCE, "arducopter", 6, 219),
             ("scan of 90 deg, 3 m", SCAN_90, "arducopter", 89, 136),
             ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "arducopter", 18, 207),
             ("scan of 360 rays all round, evading at 2 m/s", RAYS_360_FAST, "arducopter", 8, 217),
