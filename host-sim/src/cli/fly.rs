@@ -48,7 +48,7 @@ A scenario is JSON: x east, y north, metres, seconds, degrees; every key has a d
   walls [{x0,y0,x1,y1,r,reflection_db,passage_db}],
   explore_s: how long to search for a signal,
   sensor {fov_deg (90), range_m (3), occlusion (true), rays (72), turn_s,
-    model circles|scan|lidar},
+    model circles|scan|lidar, noise_m, missed: share of its rays},
   bearing {only (true; false: the planner knows where the beacon is),
     model rf|noise|uudf|hci (rf where snr_db is given, else noise),
     sigma_deg (1.86), snr_db, rate_hz (one every step; uudf, hci: 10),

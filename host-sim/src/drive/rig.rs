@@ -12,6 +12,7 @@ use crate::scenario::{Scenario, SensorModel};
 use crate::world::air::{Air, Drift};
 use crate::world::lidar::Lidar;
 use crate::world::random::Random;
+use crate::world::ranging::Ranging;
 use crate::world::sensor::View;
 use crate::world::vehicle::{Motion, Vehicle};
 use crate::world::{Horizontal, Hull, Pose, World, horizontal};
@@ -76,6 +77,7 @@ pub struct Rig {
     air: Option<Air>,
     drift: Option<Drift>,
     lidar: Option<Lidar>,
+    ranging: Ranging,
     /// Parts of a step; the hull is checked after each of them.
     checks: u32,
 }
@@ -95,12 +97,13 @@ impl Rig {
             air: None,
             drift: None,
             lidar: (scenario.sensor.model == SensorModel::Lidar).then(Lidar::default),
+            ranging: Ranging::new(&scenario.sensor, Random::new(0, 8)),
             scenario: scenario.clone(),
             checks,
         }
     }
 
-    /// The same with the scenario's wind, error of position, range finder and camera, by a seed.
+    /// The same with the scenario's wind, errors of position and of ranges, range finder and camera, by a seed.
     #[must_use]
     pub fn disturbed(self, seed: u64) -> Self {
         let scenario = &self.scenario;
@@ -108,6 +111,7 @@ impl Rig {
             downward: Downward::new(scenario, &self.world, seed),
             air: scenario.wind.map(|wind| Air::new(wind, Random::new(seed, 3))),
             drift: scenario.position.map(|position| Drift::new(position, Random::new(seed, 4))),
+            ranging: Ranging::new(&scenario.sensor, Random::new(seed, 8)),
             ..self
         }
     }
@@ -150,12 +154,13 @@ impl Rig {
                     circles = tick.is_multiple_of(SENSOR_TICKS).then(|| on_the_map(view.circles(), error));
                 }
                 SensorModel::Scan => view
-                    .scan_in_turn(tick, SENSOR_TICKS, TICK_S, now_us, &motion)
+                    .scan_in_turn(tick, SENSOR_TICKS, TICK_S, now_us, &motion, &mut self.ranging)
                     .for_each(|message| self.autopilot.forward(&message)),
                 SensorModel::Lidar => {}
             }
         }
-        let lidar = self.lidar.as_mut().map(|lidar| lidar.turn(&view, &motion, when.obstacles_are_silent));
+        let lidar =
+            self.lidar.as_mut().map(|lidar| lidar.turn(&view, &motion, &mut self.ranging, when.obstacles_are_silent));
         let mut camera = None;
         if let Some(downward) = &mut self.downward {
             if tick.is_multiple_of(RANGE_TICKS)

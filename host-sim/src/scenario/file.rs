@@ -222,6 +222,12 @@ impl Scenario {
         {
             return Err(InputError::new(format!("{field}: only where bearing.model is not `rf`")));
         }
+        let needs_ranges = [("sensor.noise_m", self.sensor.noise_m), ("sensor.missed", self.sensor.missed)];
+        if let (Some((field, _)), SensorModel::Circles) =
+            (needs_ranges.iter().find(|(_, error)| *error != 0.0), self.sensor.model)
+        {
+            return Err(InputError::new(format!("{field}: only where sensor.model is `scan` or `lidar`")));
+        }
         if self.antenna.is_some() {
             self.needs_waveforms("antenna")?;
         }

@@ -7,6 +7,7 @@
 
 use foxhound_computer::lidar::{FRAME_BYTES, POINTS, crc8};
 
+use super::ranging::Ranging;
 use super::sensor::View;
 use super::vehicle::Motion;
 
@@ -31,14 +32,14 @@ pub struct Lidar {
 impl Lidar {
     /// The frames that are complete by the time of this view and were not before. A blind one sends nothing, but
     /// keeps turning.
-    pub fn turn(&mut self, view: &View<'_>, motion: &Motion, is_blind: bool) -> Vec<u8> {
+    pub fn turn(&mut self, view: &View<'_>, motion: &Motion, ranging: &mut Ranging, is_blind: bool) -> Vec<u8> {
         let complete = (view.time_s * POINTS_PER_S as f64 + 1e-6) as u64 / POINTS as u64;
         let frames = self.frames..complete.max(self.frames);
         self.frames = frames.end;
         if is_blind {
             return Vec::new();
         }
-        frames.flat_map(|frame| encode(frame, |point| see(view, motion, point))).collect()
+        frames.flat_map(|frame| encode(frame, |point| see(view, motion, ranging, point))).collect()
     }
 }
 
@@ -47,20 +48,21 @@ fn angle_cdeg(point: u64) -> u64 {
 }
 
 /// A point, counted from the start: millimetres and confidence.
-fn see(view: &View<'_>, motion: &Motion, point: u64) -> (u16, u8) {
+fn see(view: &View<'_>, motion: &Motion, ranging: &mut Ranging, point: u64) -> (u16, u8) {
     let ago_s = view.time_s - point as f64 / POINTS_PER_S as f64;
     let azimuth_deg = (angle_cdeg(point) as f64 / 100.0 + 180.0) % 360.0 - 180.0;
     if azimuth_deg.abs() > 0.5 * view.sensor.fov_deg {
         return (VEHICLE_MM, CONFIDENCE);
     }
-    match view.before(ago_s, motion).nearest_m(azimuth_deg) {
+    let nearest_m = view.before(ago_s, motion).nearest_m(azimuth_deg);
+    match nearest_m.and_then(|nearest_m| ranging.measure(nearest_m)) {
         Some(nearest_m) => ((libm::rint(nearest_m * 1000.0) as u16).max(1), CONFIDENCE),
         None => (0, 0),
     }
 }
 
 /// A frame, counted from the start.
-fn encode(frame: u64, point: impl Fn(u64) -> (u16, u8)) -> [u8; FRAME_BYTES] {
+fn encode(frame: u64, point: impl FnMut(u64) -> (u16, u8)) -> [u8; FRAME_BYTES] {
     let points = frame * POINTS as u64..(frame + 1) * POINTS as u64;
     let mut bytes = [0; FRAME_BYTES];
     let mut put = |at: usize, word: u64| bytes[at..at + 2].copy_from_slice(&(word as u16).to_le_bytes());
@@ -82,6 +84,7 @@ mod tests {
     use super::*;
     use crate::scenario::{Obstacle, Scenario, Sensor, SensorModel};
     use crate::world::Horizontal;
+    use crate::world::random::Random;
     use foxhound_computer::lidar;
     use foxhound_core::base::time::Instant;
     use foxhound_core::mapping::scan::Sector;
@@ -94,12 +97,13 @@ mod tests {
         let world = Scenario { obstacles: obstacles.collect(), ..Scenario::default() }.world();
         let sensor = Sensor { fov_deg, range_m: 5.0, model: SensorModel::Lidar, ..Sensor::default() };
         let (mut simulated, mut read) = (Lidar::default(), lidar::Config::default().build().unwrap());
+        let mut exact = Ranging::new(&sensor, Random::new(1, 6));
         let mut scan = None;
         for step in 1..=steps {
             let time_s = step as f64 * STEP_S;
             let position = Horizontal { north: 0.0, east: 0.0 };
             let view = View { world: &world, time_s, position, yaw_rad: yaw_deg.to_radians(), sensor };
-            let bytes = simulated.turn(&view, &Motion::default(), false);
+            let bytes = simulated.turn(&view, &Motion::default(), &mut exact, false);
             assert!((7..=8).contains(&(bytes.len() / FRAME_BYTES)), "375 frames a second");
             read.push(Instant((time_s * 1e6) as u64), &bytes);
             scan = read.scan().cloned().or(scan);

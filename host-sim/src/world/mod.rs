@@ -30,6 +30,7 @@ mod people;
 mod person;
 mod pillar;
 pub mod random;
+pub mod ranging;
 pub mod rays;
 pub mod sensor;
 mod shaping;

@@ -16,6 +16,7 @@ use foxhound_link::dialect::{MavDistanceSensor, MavFrame, OBSTACLE_DISTANCE_DATA
 
 use super::geometry::Horizontal;
 use super::pillar::Pillar;
+use super::ranging::Ranging;
 use super::truth::World;
 use super::vehicle::Motion;
 use crate::scenario;
@@ -125,7 +126,7 @@ impl View<'_> {
 
     /// One scan at once, as `OBSTACLE_DISTANCE` messages in the body frame.
     pub fn scan(&self, time_us: u64) -> impl Iterator<Item = OBSTACLE_DISTANCE_DATA> {
-        (0..self.messages()).map(move |message| self.message(message, time_us, None))
+        (0..self.messages()).map(move |message| self.message(message, time_us, None, Some))
     }
 
     /// The messages of scans that begin every `period` ticks, a number of ticks after one has begun.
@@ -136,6 +137,7 @@ impl View<'_> {
         tick_s: f64,
         time_us: u64,
         motion: &Motion,
+        ranging: &mut Ranging,
     ) -> impl Iterator<Item = OBSTACLE_DISTANCE_DATA> {
         let (messages, turn_s) = (self.messages(), self.sensor.turn_s);
         let is_due = move |message: &usize| {
@@ -143,7 +145,9 @@ impl View<'_> {
             (after_s / tick_s - 1e-6).ceil() as u64 % period == ticks % period
         };
         let motion = (turn_s > 0.0).then_some(*motion);
-        (0..messages).filter(is_due).map(move |message| self.message(message, time_us, motion.as_ref()))
+        (0..messages)
+            .filter(is_due)
+            .map(move |message| self.message(message, time_us, motion.as_ref(), |m| ranging.measure(m)))
     }
 
     fn sectors(&self) -> usize {
@@ -171,7 +175,13 @@ impl View<'_> {
     }
 
     /// One message of a scan; its last ray is cast now, the others earlier, if a motion is given.
-    fn message(&self, message: usize, time_us: u64, motion: Option<&Motion>) -> OBSTACLE_DISTANCE_DATA {
+    fn message(
+        &self,
+        message: usize,
+        time_us: u64,
+        motion: Option<&Motion>,
+        mut measure: impl FnMut(f64) -> Option<f64>,
+    ) -> OBSTACLE_DISTANCE_DATA {
         let pillars = self.in_range();
         let sectors = self.sectors();
         let width_deg = self.sensor.fov_deg / sectors as f64;
@@ -193,7 +203,7 @@ impl View<'_> {
                 .filter_map(|azimuth_deg| view.hit(pillars, azimuth_deg))
                 .map(|(_, distance)| distance)
                 .min_by(f64::total_cmp);
-            *distance_cm = match nearest {
+            *distance_cm = match nearest.and_then(&mut measure) {
                 Some(nearest_m) => (libm::rint(nearest_m * 100.0) as u16).clamp(NEAREST_CM, max_cm),
                 None => max_cm + 1,
             };
@@ -216,6 +226,7 @@ impl View<'_> {
 mod tests {
     use super::*;
     use crate::scenario::{Scenario, SensorModel};
+    use crate::world::random::Random;
 
     fn world(pillars: &[[f64; 3]]) -> World {
         let obstacles =
@@ -338,16 +349,19 @@ mod tests {
         let world = world(&[[0.0, -2.0, 0.3]]);
         let mut look = view(&world, 0.0, 360.0, true);
         (look.sensor.rays, look.sensor.turn_s) = (360, 0.1);
+        let mut exact = Ranging::new(&look.sensor, Random::new(1, 6));
         let motion = Motion { velocity_ned_mps: [2.0, 0.0, 0.0], yaw_rate_radps: 0.0, ..Motion::default() };
-        let sent: Vec<usize> = (0..5).map(|tick| look.scan_in_turn(tick, 5, 0.02, 0, &motion).count()).collect();
+        let sent: Vec<usize> =
+            (0..5).map(|tick| look.scan_in_turn(tick, 5, 0.02, 0, &motion, &mut exact).count()).collect();
         assert_eq!(sent, [1; 5], "one a tick");
         // Seen at the end of the turn, and 20 ms before its own end at the begin of the last message.
-        let last = look.scan_in_turn(0, 5, 0.02, 0, &motion).next().unwrap();
+        let last = look.scan_in_turn(0, 5, 0.02, 0, &motion, &mut exact).next().unwrap();
         assert_eq!(last.distances[71], 170);
-        let first = look.scan_in_turn(1, 5, 0.02, 0, &motion).next().unwrap();
+        let first = look.scan_in_turn(1, 5, 0.02, 0, &motion, &mut exact).next().unwrap();
         assert_eq!(first.distances[0], 166, "19.7 ms before at 2 m/s");
         look.sensor.turn_s = 0.0;
-        let sent: Vec<usize> = (0..5).map(|tick| look.scan_in_turn(tick, 5, 0.02, 0, &motion).count()).collect();
+        let sent: Vec<usize> =
+            (0..5).map(|tick| look.scan_in_turn(tick, 5, 0.02, 0, &motion, &mut exact).count()).collect();
         assert_eq!(sent, [5, 0, 0, 0, 0], "all at once");
     }
 }

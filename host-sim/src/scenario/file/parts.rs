@@ -101,6 +101,12 @@ pub struct Sensor {
     /// Duration of a scan, during which the vehicle moves.
     #[schemars(range(min = 0.0, max = 0.1))]
     pub turn_s: f64,
+    /// Standard deviation of each range of a scan or a lidar.
+    #[schemars(range(min = 0.0, max = 0.5))]
+    pub noise_m: f64,
+    /// Share of the rays of a scan or a lidar that read nothing, whatever stands there.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub missed: f64,
 }
 
 /// Form of the obstacle sensor's data.
@@ -278,7 +284,16 @@ pub struct Faults {
 
 impl Default for Sensor {
     fn default() -> Self {
-        Self { fov_deg: 90.0, range_m: 3.0, occlusion: true, model: SensorModel::Circles, rays: 72, turn_s: 0.0 }
+        Self {
+            fov_deg: 90.0,
+            range_m: 3.0,
+            occlusion: true,
+            model: SensorModel::Circles,
+            rays: 72,
+            turn_s: 0.0,
+            noise_m: 0.0,
+            missed: 0.0,
+        }
     }
 }
 
