@@ -365,7 +365,9 @@ impl Scan {
     /// The hits of all rays, north and east of where the sensor was at the scan's time, in order; a full turn begins at a gap.
     #[inline(never)]
     pub fn hits_into(&self, hits: &mut Vec<Horizontal, RAYS_MAX>, yaw_rad: f32, velocity_ned_mps: Horizontal) {
-        let (turn, count) = (self.turn(), self.rays.len());
+        // A turn during which the vehicle yawed along has more rays than a turn needs: the last see what the first saw.
+        let turn = self.turn();
+        let count = turn.unwrap_or(self.rays.len());
         let range_m = |index: usize| match self.rays.get(index) {
             Sector::Hit(range_m) if range_m > 0.0 && range_m <= self.range_max_m => range_m,
             _ => 0.0,
@@ -374,9 +376,14 @@ impl Scan {
         let is_seam = |index: &usize| libm::fabsf(range_m(*index) - range_m(before(*index))) > JUMP_MAX_M;
         let begin = if turn.is_some() { (0..count).find(is_seam).unwrap_or(0) } else { 0 };
         let turned = Turned::new(self.step_rad);
-        let mut direction =
-            Horizontal::from_bearing(wrap_pi(yaw_rad + self.first_azimuth_rad + self.step_rad * begin as f32));
+        let towards = |index: usize| {
+            Horizontal::from_bearing(wrap_pi(yaw_rad + self.first_azimuth_rad + self.step_rad * index as f32))
+        };
+        let mut direction = towards(begin);
         for index in (begin..count).chain(0..begin) {
+            if index == 0 {
+                direction = towards(0);
+            }
             let range_m = range_m(index);
             if range_m > 0.0 {
                 // Cannot fail: there are as many places as rays.

@@ -172,3 +172,22 @@ fn what_is_no_sensor_or_looks_from_nowhere_is_refused() {
         assert_eq!(fit_points(&pose), Err(Refusal::NoOwnship));
     }
 }
+
+#[test]
+fn the_hits_of_a_turn_during_which_the_vehicle_yawed_lie_where_their_rays_point() {
+    // A gap in the turn, from which it is read; the vehicle yaws along, or against it.
+    let rays = (0..360).map(|ray| if (100..110).contains(&ray) { Sector::Clear } else { Sector::Hit(2.0) }).collect();
+    let step_rad = core::f32::consts::TAU / 360.0;
+    let scan = Scan { time: Instant(0), turn_s: 0.1, first_azimuth_rad: 0.3, step_rad, range_max_m: 5.0, rays };
+    for yawed_rad in [0.0_f32, 0.12, -0.12] {
+        let scan = scan.straightened(yawed_rad).unwrap();
+        let mut hits = heapless::Vec::new();
+        scan.hits_into(&mut hits, 0.0, Horizontal::default());
+        assert!((340..=350).contains(&hits.len()), "{}", hits.len());
+        for hit in &hits {
+            let off =
+                wrap_pi(hit.bearing_rad() - scan.first_azimuth_rad).rem_euclid(core::f32::consts::TAU) / scan.step_rad;
+            assert!((off - off.round()).abs() < 0.01, "{yawed_rad}: {off}");
+        }
+    }
+}
