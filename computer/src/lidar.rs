@@ -193,7 +193,7 @@ impl Lidar {
     /// Times the turn that ended among the bytes that have arrived by now: its sensor has gone on by an angle since, at a speed
     /// that it tells. The bytes may have waited for a step.
     fn date(&mut self, now: Instant) {
-        let turn_us = 360_000_000 / u64::from(self.speed_degps.max(1));
+        let turn_us = 360_000_000 / u64::from(self.speed_degps.clamp(*SPEEDS_DEGPS.start(), *SPEEDS_DEGPS.end()));
         let since_us = turn_us * u64::from(self.last.unwrap_or_default()) / u64::from(RAYS);
         self.scan.turn_s = turn_us as f32 * 1e-6;
         self.scan.time = Instant(now.0.saturating_sub(since_us + turn_us / 2));
@@ -243,7 +243,7 @@ impl Lidar {
     /// Reads a whole frame; false if its content is impossible.
     fn read(&mut self, now: Instant) -> bool {
         let (first_cdeg, last_cdeg) = (u32::from(self.word(4)), u32::from(self.word(FRAME_BYTES - 5)));
-        self.speed_degps = self.word(2);
+        let speed_degps = self.word(2);
         if first_cdeg >= TURN_CDEG || last_cdeg >= TURN_CDEG {
             return false;
         }
@@ -256,6 +256,7 @@ impl Lidar {
             self.rays.resize(0);
             self.rays.resize(RAYS_MAX);
         }
+        self.speed_degps = speed_degps;
         let from_cdeg = first_cdeg + TURN_CDEG - self.astern_cdeg;
         for point in 0..POINTS {
             let at = 6 + 3 * point;

@@ -52,8 +52,8 @@ pub(crate) const BAD_SIGNAL: u8 = 1;
 /// What the angles of a message count from, and what its zeros mean.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Reading {
-    /// Subtracted from the angles: 0 for angles from the nose, our yaw for angles from north.
-    pub(crate) yaw_rad: f32,
+    /// Our yaw, subtracted from angles that count from north; `None` for angles from the nose.
+    pub(crate) yaw_rad: Option<f32>,
     /// Whether distance 0 is an obstacle that touches us.
     pub(crate) zero_touches: bool,
     /// Directions ([`crate::beams`]) that are clear where no message of a turn reports them, a bit each.
@@ -68,8 +68,8 @@ pub(crate) struct Part<'a> {
     /// Angle of the first sector's middle, as the message counts it, and from one sector to the next.
     pub(crate) first_deg: f32,
     pub(crate) step_deg: f32,
-    /// To be subtracted from its angles.
-    pub(crate) yaw_rad: f32,
+    /// See [`Reading`].
+    pub(crate) yaw_rad: Option<f32>,
     /// See [`Reading`].
     pub(crate) untold: u8,
     /// Sectors.
@@ -217,7 +217,7 @@ mod tests {
     use foxhound_core::base::time::Instant;
     use foxhound_core::mapping::scan::Scan;
 
-    const NOSE: Reading = Reading { yaw_rad: 0.0, zero_touches: false, untold: 0 };
+    const NOSE: Reading = Reading { yaw_rad: None, zero_touches: false, untold: 0 };
 
     fn message() -> OBSTACLE_DISTANCE_DATA {
         OBSTACLE_DISTANCE_DATA {
@@ -317,7 +317,7 @@ mod tests {
     fn angles_from_north_are_turned_by_our_yaw() {
         let message = OBSTACLE_DISTANCE_DATA { angle_offset: 30.0, ..message() };
         for yaw_deg in [-170.0_f32, -30.0, 0.0, 45.0, 179.0] {
-            let reading = Reading { yaw_rad: yaw_deg.to_radians(), ..NOSE };
+            let reading = Reading { yaw_rad: Some(yaw_deg.to_radians()), ..NOSE };
             let azimuth_rad = scan(&message, reading).unwrap().first_azimuth_rad;
             let expected = (30.0 - yaw_deg + 540.0).rem_euclid(360.0) - 180.0;
             assert!((azimuth_rad.to_degrees() - expected).abs() < 1e-3, "yaw {yaw_deg}: {azimuth_rad}");

@@ -66,9 +66,14 @@ pub(crate) struct Turns {
     first_to: usize,
     heard_last: Instant,
     last_to: usize,
-    /// The ray that is next if the sensor goes on, and whether each message went on so.
+    /// The ray that is next if the sensor goes on; whether each message came after the one before, and whether one was lost.
     next_from: usize,
     is_in_order: bool,
+    has_gap: bool,
+    /// Time from a ray to the next in the last turn that told it; 0 if none did.
+    each_s: f32,
+    /// Angles of the last message count from north.
+    is_from_north: bool,
     /// Messages of this turn so far; there is no scan yet where they are fewer than the last turn had.
     parts: u8,
     parts_before: u8,
@@ -99,6 +104,9 @@ impl Turns {
             last_to: 0,
             next_from: 0,
             is_in_order: true,
+            has_gap: false,
+            each_s: 0.0,
+            is_from_north: false,
             parts: 0,
             parts_before: 1,
             heard: Bits::NONE,
@@ -118,7 +126,7 @@ impl Turns {
 
     /// Forgets all of it.
     pub(crate) fn clear(&mut self) {
-        (self.is_new, self.parts, self.parts_before) = (false, 0, 1);
+        (self.is_new, self.parts, self.parts_before, self.each_s) = (false, 0, 1, 0.0);
         (self.heard, self.begun) = (Bits::NONE, Bits::NONE);
         self.scan.rays.resize(0);
     }
@@ -161,16 +169,18 @@ impl Turns {
         }
         let to = from + said(part, from);
         if self.parts == 0 {
-            (self.began, self.first_to, self.is_in_order) = (now, to, true);
+            (self.began, self.first_to, self.is_in_order, self.has_gap) = (now, to, true, false);
         } else {
-            self.is_in_order &= from >= self.last_to && from <= self.next_from;
+            self.is_in_order &= from >= self.last_to;
+            self.has_gap |= from > self.next_from;
         }
         (self.heard_last, self.last_to, self.next_from) = (now, to, from + part.count);
         self.untold = part.untold;
         let scan = &mut self.scan;
         scan.step_rad = part.step_deg * (PI / 180.0);
         scan.range_max_m = part.range_max_m;
-        scan.first_azimuth_rad = wrap_pi(self.first_deg * (PI / 180.0) - part.yaw_rad);
+        self.is_from_north = part.yaw_rad.is_some();
+        scan.first_azimuth_rad = wrap_pi(self.first_deg * (PI / 180.0) - part.yaw_rad.unwrap_or_default());
         let rays = scan.rays.len().max((from + part.count).min(room(part.step_deg)));
         scan.rays.resize(rays);
         for index in 0..said(part, from) {
@@ -221,13 +231,19 @@ impl Turns {
                 self.scan.rays.set(ray, told);
             }
         }
-        // A message comes when its last ray has been measured. One message, or several out of order, do not tell how long a turn takes.
+        // A message comes when its last ray has been measured. One message does not tell how long a turn takes, nor do those around
+        // a lost one, which may be of directions that come independently: then it is as in the turn before.
         let (since_s, rays) = (self.heard_last.seconds_since(self.began), self.scan.rays.len() as f32);
-        let each_s = if self.parts > 1 { since_s / (self.last_to as f32 - self.first_to as f32) } else { 0.0 };
-        let is_known = self.is_in_order && each_s * rays <= TURN_MAX_US as f32 * 1e-6;
-        (self.scan.turn_s, self.scan.time) = if is_known {
-            let since_middle_s = each_s * (self.last_to as f32 - 0.5 * rays);
-            (each_s * rays, Instant(self.heard_last.0.saturating_sub((1e6 * since_middle_s) as u64)))
+        if self.is_in_order && !self.has_gap && self.parts > 1 {
+            self.each_s = since_s / (self.last_to as f32 - self.first_to as f32);
+        }
+        let turn_s = self.each_s * rays;
+        (self.scan.turn_s, self.scan.time) = if self.is_from_north {
+            // They were turned by the heading of the moment when they came.
+            (0.0, self.heard_last)
+        } else if self.is_in_order && turn_s <= TURN_MAX_US as f32 * 1e-6 {
+            let since_middle_s = self.each_s * (self.last_to as f32 - 0.5 * rays);
+            (turn_s, Instant(self.heard_last.0.saturating_sub((1e6 * since_middle_s) as u64)))
         } else {
             (0.0, self.began.plus_micros(self.heard_last.micros_since(self.began) / 2))
         };
@@ -260,7 +276,7 @@ mod tests {
     use crate::dialect::OBSTACLE_DISTANCE_DATA;
     use crate::obstacles::{Reading, part};
 
-    const NOSE: Reading = Reading { yaw_rad: 0.0, zero_touches: false, untold: 0 };
+    const NOSE: Reading = Reading { yaw_rad: None, zero_touches: false, untold: 0 };
 
     fn message(first_deg: f32, step_deg: f32, distances_cm: &[u16]) -> OBSTACLE_DISTANCE_DATA {
         OBSTACLE_DISTANCE_DATA {
@@ -326,7 +342,9 @@ mod tests {
         assert!(turns.scan().is_none(), "one is missing");
         hear(&mut turns, 200, &part_of(0));
         let known = |scan: &Scan| scan.rays.iter().filter(|sector| *sector != Sector::Unknown).count();
-        assert_eq!(turns.scan().map(known), Some(288));
+        let scan = turns.scan().unwrap();
+        assert_eq!((known(scan), scan.time), (288, Instant(130_000)), "as long as the turn before");
+        assert!((scan.turn_s - 0.1).abs() < 1e-6, "{}", scan.turn_s);
         turns.take();
         hear(&mut turns, 220, &part_of(1));
         turns.age(Instant(450_000), 0.5);
@@ -335,6 +353,22 @@ mod tests {
         assert_eq!(turns.scan().map(known), Some(144), "the sensor fell silent");
         turns.age(Instant(900_000), 0.5);
         assert!(turns.scan().is_none(), "too old");
+    }
+
+    #[test]
+    fn angles_from_north_are_of_the_heading_when_they_came_however_long_the_turn() {
+        let mut turns = Turns::new();
+        for number in 0..10_u8 {
+            let from_north = Reading { yaw_rad: Some(0.01 * f32::from(number)), ..NOSE };
+            let message = message(72.0 * f32::from(number % 5), 1.0, &[200; 72]);
+            let now = Instant(20_000 * u64::from(number));
+            turns.hear(now, 7, &part(&message, from_north).unwrap());
+            let scan = turns.scan().unwrap();
+            if number % 5 == 4 {
+                assert_eq!((scan.turn_s, scan.time), (0.0, now));
+                assert!((scan.first_azimuth_rad + 0.01 * f32::from(number)).abs() < 1e-6);
+            }
+        }
     }
 
     #[test]

@@ -40,7 +40,8 @@ pub struct RangeSensor {
     pub range_m: f32,
     /// Full angle of its view, centred on the nose; 2 pi when it covers the full circle.
     pub fov_rad: f32,
-    /// How long a scan takes that does not tell it, from its first ray to its last; 0: all rays at once.
+    /// How long a scan takes that does not tell it, from its first ray to its last; negative: from the last to the first; 0: all
+    /// rays at once.
     pub turn_s: f32,
 }
 
@@ -54,7 +55,7 @@ impl RangeSensor {
     /// The field that is out of range.
     pub fn check(&self) -> Result<(), ConfigError> {
         check("sensor.range_m", self.range_m, 0.35, 100.0)?;
-        check("sensor.turn_s", self.turn_s, 0.0, 0.3)?;
+        check("sensor.turn_s", self.turn_s, -0.3, 0.3)?;
         check("sensor.fov_rad", self.fov_rad, 0.1, TAU).map(drop)
     }
 

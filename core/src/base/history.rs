@@ -1,4 +1,4 @@
-//! The vehicle's poses of the last fifth of a second, for the time when a frame was exposed or a bearing measured.
+//! The vehicle's poses of the last half second, for the time when a frame was exposed or a bearing measured.
 
 use crate::base::ned::{Horizontal, Ned};
 use crate::base::ownship::Ownship;
@@ -6,7 +6,7 @@ use crate::base::time::Instant;
 use crate::base::units::{sin_cos, wrap_pi};
 
 /// Number of stored poses.
-const KEPT: usize = 10;
+const KEPT: usize = 24;
 /// Least time between two of them.
 const APART_US: u64 = 18_000;
 /// The oldest and newest may be used for times that are older or newer by this much.
@@ -195,9 +195,9 @@ mod tests {
         let newest = 1_000_000 + 20_000 * 29;
         let pose = poses.at(Instant(newest - 90_000)).unwrap();
         assert!((pose.place_ned_m.north - 0.49).abs() < 1e-3 && (pose.roll_rad - 0.245).abs() < 1e-3, "{pose:?}");
-        assert!(poses.at(Instant(newest - 150_000)).is_some(), "a look of 150 ms");
+        assert!(poses.at(Instant(newest - 440_000)).is_some(), "a picture that took 420 ms on its line");
         assert!(poses.at(Instant(newest + 40_000)).is_some(), "the attitude comes late");
-        assert!(poses.at(Instant(newest - 400_000)).is_none() && poses.at(Instant(newest + 90_000)).is_none());
+        assert!(poses.at(Instant(newest - 560_000)).is_none() && poses.at(Instant(newest + 90_000)).is_none());
     }
 
     #[test]

@@ -105,7 +105,7 @@ impl<const N: usize> Guidance<N> {
         let now = input.now;
         let vehicle = &state.vehicle;
         let pose = |time: Instant| pose_at(vehicle, time);
-        let scan = input.scan.and_then(|scan| straightened(vehicle, &scan.lasting(self.turn_s)));
+        let scan = input.scan.and_then(|scan| straightened(vehicle, scan.clone().lasting(self.turn_s)));
         let from_circles = input.circles.map(|circles| (circles, pose(now)));
         let from_points = input.points.map(|points| (points, pose(points.time)));
         let from_scan = scan.as_ref().map(|scan| (scan, pose(scan.time)));
@@ -158,9 +158,10 @@ impl<const N: usize> Guidance<N> {
     #[inline(never)]
     fn map_scan(state: &mut State<N>, now: Instant, scan: &Scan, pose: Pose) -> Result<Pose, Refusal> {
         let mut look = Segmentation::default();
-        scan::fit_into(&mut look, scan, &pose, velocity(state))?;
+        let velocity_ned_mps = velocity(state);
+        scan::fit_into(&mut look, scan, &pose, velocity_ned_mps)?;
         if !scan.is_fine() {
-            state.surroundings.tracks.observe(scan, &pose, &look.points_m);
+            state.surroundings.tracks.observe(scan, &pose, velocity_ned_mps, &look.points_m);
         }
         let (centers_ned_m, radius_m) = state.surroundings.tracks.left_by();
         state.surroundings.map.vacate(now, &centers_ned_m, radius_m);
@@ -184,9 +185,9 @@ fn velocity<const N: usize>(state: &State<N>) -> Horizontal {
 }
 
 /// A scan as it would be if the vehicle had not yawed while the sensor turned; `None` without an attitude.
-fn straightened(vehicle: &VehicleState, scan: &Scan) -> Option<Scan> {
+fn straightened(vehicle: &VehicleState, scan: Scan) -> Option<Scan> {
     let ownship = vehicle.ownship.as_ref()?;
-    let half_us = (0.5e6 * scan.turn_s) as u64;
+    let half_us = (0.5e6 * libm::fabsf(scan.turn_s)) as u64;
     let (begin, end) = (Instant(scan.time.0.saturating_sub(half_us)), scan.time.plus_micros(half_us));
     let yawed_rad = wrap_pi(yaw_at(ownship, &vehicle.poses, end) - yaw_at(ownship, &vehicle.poses, begin));
     scan.straightened(yawed_rad)
@@ -265,12 +266,12 @@ mod tests {
         let step_rad = core::f32::consts::TAU / 360.0;
         let scan =
             Scan { time: Instant(1_050_000), turn_s: 0.1, first_azimuth_rad: -3.0, step_rad, range_max_m: 5.0, rays };
-        let straight = straightened(&vehicle, &scan).unwrap();
+        let straight = straightened(&vehicle, scan.clone()).unwrap();
         // The first ray was measured 0.1 rad left of the heading in the middle, the last 0.1 rad right of it.
         assert!(libm::fabsf(straight.first_azimuth_rad + 3.1) < 1e-3, "{}", straight.first_azimuth_rad);
         assert!(libm::fabsf(360.0 * (straight.step_rad - step_rad) - 0.2) < 1e-4);
         let at_once = Scan { turn_s: 0.0, ..scan.clone() };
-        assert_eq!(straightened(&vehicle, &at_once), Some(at_once));
-        assert_eq!(straightened(&of(None), &scan), None);
+        assert_eq!(straightened(&vehicle, at_once.clone()), Some(at_once));
+        assert_eq!(straightened(&of(None), scan), None);
     }
 }

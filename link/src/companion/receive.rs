@@ -436,9 +436,9 @@ impl Companion {
         let from_north = obstacles.frame == MavFrame::MAV_FRAME_GLOBAL as u8
             || obstacles.frame == MavFrame::MAV_FRAME_LOCAL_NED as u8;
         let yaw_rad = match self.attitude {
-            _ if from_nose => Some(0.0),
+            _ if from_nose => Some(None),
             // The autopilot's own: so does north.
-            Some(attitude) if from_north && !is_over(now, attitude.time, YAW_AGE_MAX_S) => Some(attitude.yaw_rad),
+            Some(attitude) if from_north && !is_over(now, attitude.time, YAW_AGE_MAX_S) => Some(Some(attitude.yaw_rad)),
             _ => None,
         };
         let zero_touches = !ardupilot;
@@ -483,7 +483,7 @@ impl Companion {
         let is_ardupilot = self.is_ardupilot() && self.is_autopilot(header);
         match self.beams.sector(header.component_id, is_ardupilot, &beam) {
             Some((sectors, untold)) => {
-                let reading = Reading { yaw_rad: 0.0, zero_touches: false, untold };
+                let reading = Reading { yaw_rad: None, zero_touches: false, untold };
                 self.on_sectors(header.component_id, &sectors, Some(reading));
             }
             None => self.on_point(obstacles::beam(&beam), obstacles::half_width_rad(&beam)),

@@ -131,6 +131,8 @@ struct View<'a> {
     turn: Option<i32>,
     /// See [`Sectors::outermost_ray`](crate::mapping::scan::Sectors::outermost_ray).
     outermost_ray: f32,
+    /// How far a range may be off, see [`Segmentation::slip_m`].
+    slip_m: f32,
 }
 
 impl View<'_> {
@@ -143,9 +145,9 @@ impl View<'_> {
         }
         // A hit nearer than this is on the circle or in front of it.
         let (front_m, side_m) = if known.origin == Origin::Given {
-            (distance_m + known.radius_m + 0.1, f32::INFINITY)
+            (distance_m + known.radius_m + self.slip_m + 0.1, f32::INFINITY)
         } else {
-            (distance_m - known.radius_m + FRONT_M, distance_m + 0.05)
+            (distance_m - known.radius_m + self.slip_m + FRONT_M, distance_m + self.slip_m + 0.05)
         };
         if self.passes_sector(whole_below(middle + 0.5), front_m) {
             return true;
@@ -257,13 +259,14 @@ impl Map {
 
     /// Counts, for every circle within the range of a scan, the scans in a row that see through it, and marks those
     /// with too many to be forgotten.
-    pub(super) fn judge(&mut self, scan: &Scan, pose: &Pose) {
+    pub(super) fn judge(&mut self, scan: &Scan, pose: &Pose, slip_m: f32) {
         let view = View {
             scan,
             origin_ned_m: pose.position_ned_m,
             first_ned_rad: pose.yaw_rad + scan.first_azimuth_rad,
             turn: scan.turn().map(|turn| turn as i32),
             outermost_ray: scan.in_sectors(RAYS_MAX).outermost_ray(),
+            slip_m,
         };
         for known in &mut self.known {
             let away = known.center_ned_m.minus(view.origin_ned_m);

@@ -261,7 +261,7 @@ impl Map {
         self.begin_look(now);
         self.has_scanned = true;
         self.note_taken(segmentation.time, now);
-        self.judge(scan, pose);
+        self.judge(scan, pose, segmentation.slip_m);
         self.sweep();
         self.take_in(now, segmentation);
     }

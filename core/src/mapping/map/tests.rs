@@ -552,3 +552,30 @@ fn a_single_scan_of_a_wall_with_a_gap_of_83_centimetres_leaves_the_gap_open() {
         assert!(clearance > 0.18, "{clearance} at {north}");
     }
 }
+
+#[test]
+fn a_wall_is_not_seen_through_where_the_vehicle_moves_while_the_sensor_turns() {
+    let mut rng = Rng::new(13, 0);
+    let world = World { walls: std::vec![[-1.5, -2.0, -1.5, 2.0], [3.0, -2.0, 3.0, 2.0]], ..World::default() };
+    let (velocity, turn_s) = (Horizontal { north: 1.0, east: 0.0 }, 0.2_f32);
+    for yaw in [0.0, core::f64::consts::PI] {
+        let mut map = Map::default();
+        for look in 0..8_u16 {
+            let north = 0.2 * f64::from(look);
+            let (mut scan, pose) = world.scan((north, 0.0), yaw, core::f64::consts::TAU, 0.0, &mut rng);
+            scan.turn_s = turn_s;
+            for ray in 0..scan.rays.len() {
+                let at = north + f64::from(scan.after_s(ray as f32));
+                let (seen, _) = world.scan((at, 0.0), yaw, core::f64::consts::TAU, 0.0, &mut rng);
+                scan.rays.set(ray, seen.rays.get(ray));
+            }
+            let mut found = Segmentation::default();
+            scan::fit_into(&mut found, &scan, &pose, velocity).unwrap();
+            map.observe_scan(Instant(u64::from(look) * 200_000), &scan, &pose, &found);
+            assert!(
+                map.known.iter().all(|known| known.clear_scans == 0 || known.clear_scans == AVERAGED),
+                "{yaw} {look}"
+            );
+        }
+    }
+}

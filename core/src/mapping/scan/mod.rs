@@ -88,7 +88,8 @@ pub enum Sector {
 pub struct Scan {
     /// Estimated time of measurement, of the middle of its turn.
     pub time: Instant,
-    /// Time from a ray to the next, times their number; 0 if all were measured at once, or that is not known.
+    /// Time from a ray to the next, times their number; negative if the last ray came first, 0 if all were measured at once, or
+    /// that is not known.
     pub turn_s: f32,
     /// Azimuth of ray 0, or of the middle of sector 0, from the nose, clockwise positive.
     pub first_azimuth_rad: f32,
@@ -117,25 +118,28 @@ impl Scan {
         self.turn_s * ((index + 0.5) / self.rays.len().max(1) as f32 - 0.5)
     }
 
-    /// The same scan, that took so long until its time, if it does not tell how long it took.
+    /// The same scan, of a sensor that takes so long, if it tells less than half of that: it was measured before it was
+    /// sent.
     #[must_use]
-    pub fn lasting(&self, turn_s: f32) -> Self {
-        let mut scan = self.clone();
-        if scan.turn_s == 0.0 {
-            scan.turn_s = turn_s;
-            scan.time = Instant(scan.time.0.saturating_sub((0.5e6 * turn_s) as u64));
+    pub fn lasting(mut self, turn_s: f32) -> Self {
+        let (told_s, takes_s) = (libm::fabsf(self.turn_s), libm::fabsf(turn_s));
+        if told_s < 0.5 * takes_s {
+            self.turn_s = turn_s;
+            self.time = Instant(self.time.0.saturating_sub((0.5e6 * (takes_s - told_s)) as u64));
         }
-        scan
+        self
     }
 
     /// The same scan with the azimuths of its rays from the nose as it was at its time, of a vehicle that yawed by so much
     /// during the turn. Its rays then cover more or less than a full turn, as they did. `None` where it yawed half as fast as the sensor turns.
     #[must_use]
-    pub fn straightened(&self, yawed_rad: f32) -> Option<Self> {
-        let share = yawed_rad / self.rays.len().max(1) as f32;
-        let first_azimuth_rad = wrap_pi(self.first_azimuth_rad - 0.5 * (yawed_rad - share));
+    pub fn straightened(mut self, yawed_rad: f32) -> Option<Self> {
+        let from_first_rad = if self.turn_s < 0.0 { -yawed_rad } else { yawed_rad };
+        let share = from_first_rad / self.rays.len().max(1) as f32;
         let is_read = libm::fabsf(share) <= 0.5 * libm::fabsf(self.step_rad);
-        is_read.then(|| Self { first_azimuth_rad, step_rad: self.step_rad + share, ..self.clone() })
+        self.first_azimuth_rad = wrap_pi(self.first_azimuth_rad - 0.5 * (from_first_rad - share));
+        self.step_rad += share;
+        is_read.then_some(self)
     }
 
     /// Whether no ray of it has a reading: the sensor is covered, or broken.
@@ -260,6 +264,8 @@ pub struct Segmentation {
     pub points_m: Vec<Horizontal, POINTS_MAX>,
     /// The circles fitted to them.
     pub detections: Vec<Detection, DETECTIONS_MAX>,
+    /// How far the vehicle went in half the turn of the sensor: a range from the middle of the turn may be off by this.
+    pub slip_m: f32,
     /// Number of hits refused because they were not finite or implausible.
     pub refused: u16,
     /// For hits of wide sectors: the largest angle of a hit from the middle of its sector; `sides` has the estimated

@@ -101,6 +101,7 @@ pub fn fit_into(
         return Err(Refusal::NoOwnship);
     }
     (segmentation.time, segmentation.origin_ned_m) = (scan.time, pose.position_ned_m);
+    segmentation.slip_m = 0.5 * libm::fabsf(scan.turn_s) * velocity_ned_mps.norm();
     let sectors = scan.in_sectors(SECTORS_MAX);
     segmentation.beside_rad = if sectors.is_exact() { 0.0 } else { sectors.outermost_ray() * sectors.step_rad };
     let mut marks = Marks::default();

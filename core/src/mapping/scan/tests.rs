@@ -180,7 +180,7 @@ fn the_hits_of_a_turn_during_which_the_vehicle_yawed_lie_where_their_rays_point(
     let step_rad = core::f32::consts::TAU / 360.0;
     let scan = Scan { time: Instant(0), turn_s: 0.1, first_azimuth_rad: 0.3, step_rad, range_max_m: 5.0, rays };
     for yawed_rad in [0.0_f32, 0.12, -0.12] {
-        let scan = scan.straightened(yawed_rad).unwrap();
+        let scan = scan.clone().straightened(yawed_rad).unwrap();
         let mut hits = heapless::Vec::new();
         scan.hits_into(&mut hits, 0.0, Horizontal::default());
         assert!((340..=350).contains(&hits.len()), "{}", hits.len());
@@ -190,4 +190,31 @@ fn the_hits_of_a_turn_during_which_the_vehicle_yawed_lie_where_their_rays_point(
             assert!((off - off.round()).abs() < 0.01, "{yawed_rad}: {off}");
         }
     }
+}
+
+#[test]
+fn a_scan_lasts_as_long_as_its_sensor_takes_and_was_measured_before_it_was_sent() {
+    let told = |turn_s: f32| Scan { time: Instant(1_000_000), turn_s, ..cast(&[]) };
+    for (told_s, takes_s, time_us, turn_s) in [
+        (0.0, 0.0, 1_000_000, 0.0),
+        (0.0, 0.1, 950_000, 0.1),
+        // The last ray came first.
+        (0.0, -0.1, 950_000, -0.1),
+        // Its messages came in a burst of 20 ms when it was whole.
+        (0.02, 0.1, 960_000, 0.1),
+        // They came while it turned.
+        (0.08, 0.1, 1_000_000, 0.08),
+    ] {
+        let scan = told(told_s).lasting(takes_s);
+        assert_eq!(scan.turn_s, turn_s, "{told_s} {takes_s}");
+        assert!(scan.time.0.abs_diff(time_us) <= 1, "{told_s} {takes_s}: {:?}", scan.time);
+    }
+    let backwards = told(-0.1);
+    assert!(backwards.after_s(0.0) > 0.04 && backwards.after_s(71.0) < -0.04);
+    // The nose turns to the right: what the last ray saw, before, lay farther left of the nose in the middle.
+    let straight = backwards.clone().straightened(0.1).unwrap();
+    let last = (backwards.rays.len() - 1) as f32;
+    let at = |scan: &Scan, ray: f32| scan.first_azimuth_rad + ray * scan.step_rad;
+    assert!((at(&straight, 0.0) - at(&backwards, 0.0) - 0.05).abs() < 1e-3);
+    assert!((at(&straight, last) - at(&backwards, last) + 0.05).abs() < 1e-3);
 }

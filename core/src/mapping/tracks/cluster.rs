@@ -93,9 +93,9 @@ fn cut_up(
         let its = hits.get(from..to).unwrap_or_default();
         let (center, range_m) = center(its);
         let sigma_m = sigma_m(scan, pose, its, range_m);
-        let middle = its.get(its.len() / 2).map_or(0, |hit| ray_at(scan, pose, *hit));
-        let middle = if middle < 0 { middle + scan.rays.len() as i32 } else { middle };
-        let after_s = scan.after_s(middle as f32);
+        // A hit of the first or the last ray may lie outside of the view from where the vehicle was in the middle of the turn.
+        let middle = its.get(its.len() / 2).map_or(0, |hit| ray_at(scan, pose, *hit)).max(0) as usize;
+        let after_s = scan.after_s(middle.min(scan.rays.len().saturating_sub(1)) as f32);
         let center_ned_m = center.plus(pose.position_ned_m);
         let seen =
             Cluster { from, to, center_ned_m, sigma_m, ago_s: late_s - after_s, is_long, was_free: false, track: None };
@@ -197,15 +197,14 @@ fn center(piece: &[Horizontal]) -> (Horizontal, f32) {
     (at, nearest_m)
 }
 
-/// Index of the ray that hit a point; it may be negative in a full turn.
+/// Index of the ray that hit a point; one that is not in the view is on the side to which the point is nearer.
 fn ray_at(scan: &Scan, pose: &Pose, point: Horizontal) -> i32 {
     let azimuth_rad = wrap_pi(point.bearing_rad() - pose.yaw_rad - scan.first_azimuth_rad);
     let index = nearest(azimuth_rad / scan.step_rad);
-    if scan.turn().is_none() && index < 0 {
-        index + nearest(core::f32::consts::TAU / libm::fabsf(scan.step_rad))
-    } else {
-        index
-    }
+    let whole =
+        scan.turn().map_or_else(|| nearest(core::f32::consts::TAU / libm::fabsf(scan.step_rad)), |turn| turn as i32);
+    let unseen = (whole - scan.rays.len() as i32).max(0);
+    if index < -unseen / 2 { index + whole } else { index }
 }
 
 /// How well the centre is known: less well if something nearer hides a side of it, or if the view ends there.

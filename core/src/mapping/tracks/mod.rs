@@ -157,17 +157,22 @@ struct Kept {
     step_rad: f32,
     range_max_m: f32,
     turn: u8,
+    /// How far the vehicle went from a sector to the next, and the sector in the middle of the turn.
+    way_m: Horizontal,
+    middle: f32,
     ranges: Ranges<KEPT_SECTORS>,
 }
 
 impl Kept {
-    fn take(&mut self, scan: &Scan, pose: &Pose) {
+    fn take(&mut self, scan: &Scan, pose: &Pose, velocity_ned_mps: Horizontal) {
         self.time = scan.time;
         self.pose = *pose;
         let sectors = scan.in_sectors(KEPT_SECTORS);
         (self.first_azimuth_rad, self.step_rad) = (sectors.first_azimuth_rad, sectors.step_rad);
         self.range_max_m = scan.range_max_m;
         self.turn = sectors.turn().unwrap_or(0) as u8;
+        let count = sectors.count().max(1) as f32;
+        (self.way_m, self.middle) = (velocity_ned_mps.times(scan.turn_s / count), 0.5 * (count - 1.0));
         self.ranges.take(scan);
     }
 
@@ -197,7 +202,7 @@ impl Kept {
             let sees_m = usize::try_from(index).map_or(-1.0, |index| self.ranges.sees_m(index, self.range_max_m));
             least_m = if sees_m < least_m { sees_m } else { least_m };
         }
-        least_m - away.norm()
+        least_m - away.minus(self.way_m.times(index as f32 - self.middle)).norm()
     }
 }
 
@@ -342,12 +347,12 @@ impl Tracks {
         }
         let mut hits: Vec<Horizontal, RAYS_MAX> = Vec::new();
         scan.hits_into(&mut hits, pose.yaw_rad, velocity_ned_mps);
-        self.observe(scan, pose, &hits);
+        self.observe(scan, pose, velocity_ned_mps, &hits);
     }
 
     /// Takes in a scan, after [`Self::advance`] to its step, and where it hits, from where it was taken and in order.
     #[inline(never)]
-    pub fn observe(&mut self, scan: &Scan, pose: &Pose, hits: &[Horizontal]) {
+    pub fn observe(&mut self, scan: &Scan, pose: &Pose, velocity_ned_mps: Horizontal, hits: &[Horizontal]) {
         let mut clusters: Vec<Cluster, CLUSTERS_MAX> = Vec::new();
         let late_s = self.time.map_or(0.0, |now| between(now.seconds_since(scan.time), 0.0, LATE_MAX_S));
         cluster::find(&mut clusters, scan, late_s, pose, hits);
@@ -359,7 +364,7 @@ impl Tracks {
         clusters.retain(|seen| !seen.is_long || seen.was_free);
         let taken = associate(&self.tracks, &mut clusters);
         let mut now = Kept::default();
-        now.take(scan, pose);
+        now.take(scan, pose, velocity_ned_mps);
         self.miss(&now, late_s, taken);
         self.scanned = Some(scan.time);
         for seen in &clusters {

@@ -63,7 +63,7 @@ impl Watch {
             return self.tracks.observe_rays(&scan, pose, Horizontal::default());
         }
         let look = scan::fit(&scan, pose).unwrap();
-        self.tracks.observe(&scan, pose, &look.points_m);
+        self.tracks.observe(&scan, pose, Horizontal::default(), &look.points_m);
     }
 
     fn moving(&self) -> StdVec<Track> {
@@ -231,5 +231,27 @@ fn who_is_gone_is_forgotten_and_who_is_out_of_view_remembered_for_a_while() {
         let moving = watch.moving();
         assert_eq!(moving.len(), usize::from(look <= 30), "after {look} scans");
         assert!(moving.iter().all(|track| track.center_ned_m.minus(person).norm() < 0.6));
+    }
+}
+
+#[test]
+fn who_is_at_the_first_edge_of_the_view_was_seen_in_this_turn() {
+    // The vehicle moves ahead, so that from where it was in the middle of the turn the hit lies outside of the view.
+    let rays = (0..72).map(|ray| if ray == 0 { Sector::Hit(2.0) } else { Sector::Clear });
+    let (step_rad, time) = (1.25_f32.to_radians(), Instant(1_000_000));
+    let scan = Scan {
+        time,
+        turn_s: 0.1,
+        first_azimuth_rad: -35.5 * step_rad,
+        step_rad,
+        range_max_m: 5.0,
+        rays: rays.collect(),
+    };
+    let mut look = scan::Segmentation::default();
+    scan::fit_into(&mut look, &scan, &Pose::default(), horizontal(1.0, 0.0)).unwrap();
+    for hits in [&look.points_m[..], &[horizontal(2.0, -2.0)]] {
+        let mut clusters = Vec::new();
+        cluster::find(&mut clusters, &scan, 0.05, &Pose::default(), hits);
+        assert!((0.05..=0.101).contains(&clusters[0].ago_s), "{clusters:?}");
     }
 }

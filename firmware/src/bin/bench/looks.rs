@@ -38,7 +38,7 @@ pub(super) fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
                 if scan.is_fine() {
                     tracks.observe_rays(black_box(&scan), &pose, Horizontal::default());
                 } else {
-                    tracks.observe(&scan, &pose, black_box(&seen.points_m));
+                    tracks.observe(&scan, &pose, Horizontal::default(), black_box(&seen.points_m));
                 }
             });
             (worst, worst_follow) = (worst.max(fit + take), worst_follow.max(follow));
