@@ -37,11 +37,21 @@ impl Request {
         Self { tries: 0, due: Instant(0) }
     }
 
-    /// The command, when it is due.
+    /// The command, when it is due. Once the autopilot has left our mode or is disarmed, the same landing asks for no other.
     #[inline(never)]
-    pub(crate) fn poll(&mut self, now: Instant, wants: bool, target: (u8, u8)) -> Option<COMMAND_LONG_DATA> {
+    pub(crate) fn poll(
+        &mut self,
+        now: Instant,
+        wants: bool,
+        obeys: bool,
+        target: (u8, u8),
+    ) -> Option<COMMAND_LONG_DATA> {
         if !wants {
             *self = Self::new();
+            return None;
+        }
+        if !obeys {
+            self.tries = REQUESTS_MAX;
             return None;
         }
         if self.tries >= REQUESTS_MAX || now < self.due {
@@ -116,7 +126,7 @@ mod tests {
         let mut request = Request::new();
         let mut asked = |from_s: u64, wants: bool| {
             (0..500)
-                .filter_map(|k| request.poll(Instant(from_s * 1_000_000 + k * 20_000), wants, (1, 1)))
+                .filter_map(|k| request.poll(Instant(from_s * 1_000_000 + k * 20_000), wants, true, (1, 1)))
                 .map(|command| (command.command, command.confirmation))
                 .collect::<std::vec::Vec<_>>()
         };

@@ -101,6 +101,25 @@ fn who_walks_by_while_it_centres_or_searches_the_pad_is_given_way() {
 }
 
 #[test]
+fn on_the_ground_it_moves_for_nobody() {
+    let mut above = Above::new();
+    let is_at = |stage: Stage, output: &Output| output.landing.is_some_and(|landing| landing.stage == stage);
+    assert!((0..1500).any(|_| is_at(Stage::Centring, &above.step(true, &[]))));
+    above.state.arrival.landing.put_down(above.now);
+    let feet_ned_m = above.vehicle.position;
+    for step in 0..200 {
+        let center_ned_m = feet_ned_m.plus(Horizontal { north: 2.5 - 0.02 * step as f32, east: 0.1 });
+        let velocity_ned_mps = Horizontal { north: -1.0, east: 0.0 };
+        let output = above.step(true, &[Circle { center_ned_m, radius_m: 0.3, velocity_ned_mps }]);
+        assert!(is_at(Stage::Landed, &output) && output.outcome == Outcome::Landed, "{output:?}");
+        let Ned { north, east, down } = output.setpoint.velocity_ned_mps;
+        assert_eq!((north, east, output.setpoint.yaw_rate_radps), (0.0, 0.0, 0.0));
+        // The autopilot has not seen the ground yet.
+        assert!(down > 0.0 || step < 2, "{step}: {down}");
+    }
+}
+
+#[test]
 fn what_was_given_up_is_not_begun_again_when_the_pad_comes_into_view() {
     let mut above = Above::new();
     // Nothing answers its requests for plans, so that it gives up where it is.

@@ -23,7 +23,7 @@
 //! | `PlanLate` | the plan has run out, or there is none, or it brakes or is braked, and the next one did not arrive in time | hold, request again at once |
 //! | `GuardBrake` | the guard replaced the command by a brake | hold, request a new plan at once |
 //! | `HandedOver` | the beacon or the pad is reached as far as possible ([`crate::landing::Reason`]) | hover there, until the mode is entered again |
-//! | `Landed` | the vehicle has come down onto the ground | none; zero velocity is sent until the autopilot ends control |
+//! | `Landed` | the vehicle has come down onto the ground | straight down until the autopilot says that it has landed, and ends control |
 //! | `Nominal` | none of these | follow the plan, or the landing ([`crate::landing`]) |
 //!
 //! Limits are fields of [`Config`]; the numbers above are its defaults. There is a test for each row.

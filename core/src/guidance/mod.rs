@@ -158,15 +158,17 @@ pub struct Output {
 }
 
 impl Output {
-    /// Whether the vehicle holds until the mode is entered again.
+    /// Whether an interruption ends it: the mode must be entered again, since guidance has ended by itself, or the vehicle
+    /// has left the altitude at which it seeks.
     #[must_use]
     pub fn is_final(&self) -> bool {
+        let is_low = self.landing.is_some_and(|landing| landing.demand.is_some() && landing.stage.is_low());
         match self.outcome {
-            Outcome::GoalUnreachable | Outcome::HandedOver => true,
+            Outcome::GoalUnreachable | Outcome::HandedOver | Outcome::Landed => true,
             Outcome::StaleOwnship => {
-                matches!(self.stale, Some(Stale::VelocityContradicts | Stale::PositionFrozen))
+                is_low || matches!(self.stale, Some(Stale::VelocityContradicts | Stale::PositionFrozen))
             }
-            _ => false,
+            _ => is_low,
         }
     }
 }

@@ -4,7 +4,7 @@ use super::mission::{self, Behaviour, Control, Mission, Outcome, Progress};
 use super::turning::Turning;
 use super::{Guidance, Input, Output, State};
 use crate::base::history::FullPose;
-use crate::base::ned::Horizontal;
+use crate::base::ned::{Horizontal, Ned};
 use crate::base::obstacle::Neighbour;
 use crate::base::ownship::{Ownship, Stale};
 use crate::base::trace::Trace;
@@ -146,6 +146,9 @@ impl<const N: usize> Guidance<N> {
                 }
                 // What a landing asked for is not done.
                 state.arrival.landing.overrule(self.tick_s);
+                if let Some(advice) = &mut state.arrival.advice {
+                    advice.wants_land = false;
+                }
                 let (setpoint, _) = self.command(state, &demand, &GuardInput { down_m, is_lost, ..*situation }, knows);
                 Command { setpoint, ..Command::default() }
             }
@@ -162,13 +165,21 @@ impl<const N: usize> Guidance<N> {
         decision: &mut Decision<'_>,
     ) -> Command {
         let (mut demand, ends) = landing_demand(state);
+        if has_landed(state) {
+            // On the ground nothing is kept away from and nothing looked at: it would tip over.
+            state.surroundings.near.clear();
+            let (Setpoint { velocity_ned_mps, .. }, _) = self.command(state, &demand, situation, false);
+            state.control.look_ned_rad = None;
+            decision.outcome = Outcome::Landed;
+            let velocity_ned_mps = Ned { down: velocity_ned_mps.down, ..Ned::default() };
+            return Command { setpoint: Setpoint { velocity_ned_mps, yaw_rate_radps: 0.0 }, ..Command::default() };
+        }
         if let Some(look_ned_rad) = state.control.look_ned_rad {
             demand.yaw_rate_radps = track::turn_to(look_ned_rad, situation.yaw_rad);
         }
         // On the way down it does not give way.
         let stage = state.arrival.advice.map(|advice| advice.stage);
-        let evades =
-            !matches!(stage, Some(landing::Stage::Descending | landing::Stage::Committed | landing::Stage::Landed));
+        let evades = !matches!(stage, Some(landing::Stage::Descending | landing::Stage::Committed));
         let (setpoint, guard) = self.command(state, &demand, situation, evades);
         let progress = match guard {
             _ if !demand.velocity_ned_mps.is_finite() => Progress::NotFinite,
@@ -341,7 +352,6 @@ fn landing_demand<const N: usize>(state: &State<N>) -> (Demand, Option<Outcome>)
     let (velocity_ned_mps, down_mps) = advice.demand.unwrap_or_default();
     let ends = match advice.stage {
         landing::Stage::HandedOver => Some(Outcome::HandedOver),
-        landing::Stage::Landed => Some(Outcome::Landed),
         _ => None,
     };
     (Demand { velocity_ned_mps, down_mps, ..Demand::default() }, ends)

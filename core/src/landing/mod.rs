@@ -44,7 +44,7 @@
 //! | | not in the middle, or not for long | the drop waits |
 //! | | pushed out of the middle before that; no drop for 10 s | `Centring` |
 //! | | dropped, and not down in time | `Recovering` |
-//! | `Landed` | | zero velocity; land (and disarm) if the user wants it |
+//! | `Landed` | | straight down until the autopilot says that it has landed, then zero; land (and disarm) if the user wants it |
 //! | `HandedOver` | | zero velocity until the mode is entered again |
 //! | any but `Seeking` | own position or attitude unknown, absurd, or older than 0.5 s | zero velocity, `NoOwnship`; goes on afterwards |
 //! | | the mission holds | it holds; limits of time wait, but `total_s` |
@@ -81,6 +81,8 @@ const OWNSHIP_AGE_MAX_S: f32 = 0.5;
 const FINDER_MAX_M: f32 = 200.0;
 /// The autopilot is asked to land beside the beacon only with this much room around the hull: it knows no obstacles, and drifts.
 const LAND_ROOM_M: f32 = 0.25;
+/// For so long, without a break.
+const LAND_ROOM_S: f32 = 1.0;
 
 /// Configuration of the landing.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -177,6 +179,14 @@ pub enum Stage {
     Landed,
     /// Hovering, until the pilot takes over.
     HandedOver,
+}
+
+impl Stage {
+    /// Whether the vehicle may be far below the altitude at which it seeks, on its way to the ground.
+    #[must_use]
+    pub fn is_low(self) -> bool {
+        matches!(self, Self::Centring | Self::Descending | Self::Recovering | Self::Committed)
+    }
 }
 
 /// Why a stage ended.
@@ -372,6 +382,8 @@ pub struct State {
     settled_s: f32,
     blocked_s: f32,
     stands_s: f32,
+    /// For how long there has been room to land.
+    roomy_s: f32,
     /// Vertical positions: where the pad was lost, and how high it may climb.
     lost_down_m: f32,
     top_down_m: f32,
@@ -391,8 +403,12 @@ impl State {
     }
 
     fn enter(&mut self, stage: Stage, reason: Option<Reason>, now: Instant) {
-        if stage == Stage::Centring && self.stage != Stage::Descending && self.stage != Stage::Committed {
+        // A pad that is found again from a little higher does not make it another attempt.
+        if stage == Stage::Centring && !matches!(self.stage, Stage::Descending | Stage::Committed | Stage::Recovering) {
             self.attempted = now;
+        }
+        if stage == Stage::Seeking {
+            self.began = None;
         }
         (self.stage, self.reason, self.entered) = (stage, reason, now);
         self.is_dropping = false;
@@ -408,6 +424,11 @@ impl State {
         self.entered = self.entered.plus_micros(tick_us);
         self.attempted = self.attempted.plus_micros(tick_us);
         self.search.wait(tick_us);
+    }
+
+    #[cfg(test)]
+    pub(crate) fn put_down(&mut self, now: Instant) {
+        self.enter(Stage::Landed, Some(Reason::Landed), now);
     }
 
     /// The position has jumped: all stored positions are shifted.
@@ -466,7 +487,14 @@ impl Lander {
 
         state.blocked_s = if input.is_blocked { state.blocked_s + tick_s } else { 0.0 };
         self.mind_time(state, now);
-        let wish = self.act(state, input, &here, verdict);
+        state.roomy_s = if input.clearance_m >= LAND_ROOM_M { state.roomy_s + tick_s } else { 0.0 };
+        let mut wish = self.act(state, input, &here, verdict);
+        if let Some(wish) = &mut wish
+            && wish.down_mps < 0.0
+            && here.down_m <= state.top_down_m
+        {
+            wish.down_mps = 0.0;
+        }
         let demand = wish.map(|wish| self.limited(state, wish, tick_s));
         if demand.is_none() {
             // A demand begins at the velocity that the planner's flight has now.
@@ -484,7 +512,7 @@ impl Lander {
             input.fix.map(|fix| Target { place_ned_m: fix.place_ned_m, sigma_m: fix.sigma_m, is_pad: false })
         };
         let is_above = state.stage == Stage::HandedOver && state.reason == Some(Reason::Arrived);
-        let is_narrow = is_above && self.config.request_land && !(input.clearance_m >= LAND_ROOM_M);
+        let is_narrow = is_above && self.config.request_land && state.roomy_s < LAND_ROOM_S;
         Output {
             stage: state.stage,
             demand,

@@ -73,6 +73,8 @@ impl Lander {
             Stage::Centring | Stage::Descending => Some(self.center(state, input, here)),
             Stage::Recovering => Some(self.recover(state, here)),
             Stage::Committed => Some(self.commit(state, input, here)),
+            // The autopilot takes the vehicle for landed only while it is told to sink.
+            Stage::Landed if !input.is_landed => Some(Wish { down_mps: COMMIT_MPS, ..Wish::default() }),
             Stage::Landed | Stage::HandedOver => Some(Wish::default()),
         }
     }
@@ -318,6 +320,7 @@ impl Lander {
             return false;
         }
         state.retries += 1;
+        state.attempted = now;
         true
     }
 

@@ -173,6 +173,7 @@ impl Companion {
         let prestream = self.config.prestream && !self.may_reenter(autopilot.software);
         let setpoint = match cause.stream(autopilot.software, autopilot.obeys(), prestream) {
             Stream::Silent => None,
+            Stream::Zero if cause == Cause::EntryNeeded && self.may_take_off() => None,
             Stream::Zero => Some(Setpoint::default()),
             Stream::Guidance => {
                 let is_fresh = |time: Instant| !is_over(now, time, self.config.setpoint_age_max_s);
@@ -267,8 +268,9 @@ impl Companion {
             });
         }
         let is_fresh = |published: &Published| !is_over(now, published.time, self.config.setpoint_age_max_s);
-        let wants_land = self.obeys() && self.published.filter(is_fresh).is_some_and(|published| published.wants_land);
-        if let Some(request) = self.landing.poll(now, wants_land, target) {
+        let wants_land = self.published.filter(is_fresh).is_some_and(|published| published.wants_land);
+        let obeys = self.obeys();
+        if let Some(request) = self.landing.poll(now, wants_land, obeys, target) {
             self.outbox.post_errand(&request);
         }
         if !self.obeys()

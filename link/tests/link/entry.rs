@@ -2,6 +2,7 @@
 
 use foxhound_core::base::ownship::Stale;
 use foxhound_core::guidance::mission::{Control, Outcome};
+use foxhound_core::landing::{self, Stage};
 use foxhound_link::companion::Config;
 use foxhound_link::dialect::*;
 use foxhound_link::failsafe::Cause;
@@ -117,6 +118,27 @@ fn whatever_order_heartbeats_and_restarts_come_in_nothing_moves_without_a_fresh_
 }
 
 #[test]
+fn a_descent_that_was_interrupted_is_no_search_at_that_height() {
+    for stage in [Stage::Approaching, Stage::SearchingPad, Stage::Centring, Stage::Descending, Stage::Committed] {
+        let mut bench = Bench::flying();
+        let last = output([0.0; 3], 0.0);
+        let landing = Some(landing::Output { stage, demand: Some(Default::default()), ..landing::Output::default() });
+        bench.output = Some(foxhound_core::guidance::Output { landing, ..last });
+        bench.run(1.0);
+        bench.say(&MavMessage::HEARTBEAT(heartbeat(ARDUPILOT, GUIDED, ARMED)));
+        // The autopilot is silent for a while.
+        bench.heartbeat = None;
+        bench.output = Some(foxhound_core::guidance::Output { outcome: Outcome::NotInControl, ..last });
+        bench.run(3.0);
+        bench.heartbeat = Some(heartbeat(ARDUPILOT, GUIDED, ARMED));
+        bench.run(1.5);
+        let is_low = !matches!(stage, Stage::Approaching | Stage::SearchingPad);
+        let cause = if is_low { Cause::EntryNeeded } else { Cause::None };
+        assert_eq!(bench.companion.cause(bench.now()), cause, "{stage:?}");
+    }
+}
+
+#[test]
 fn what_guidance_has_ended_is_not_begun_again_by_a_hold_of_ours() {
     let pause = |param1| {
         MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
@@ -130,6 +152,7 @@ fn what_guidance_has_ended_is_not_begun_again_by_a_hold_of_ours() {
     let ends = [
         (Outcome::GoalUnreachable, None, true),
         (Outcome::HandedOver, None, true),
+        (Outcome::Landed, None, true),
         (Outcome::StaleOwnship, Some(Stale::VelocityContradicts), true),
         (Outcome::StaleOwnship, Some(Stale::PositionOld), false),
         (Outcome::Nominal, None, false),

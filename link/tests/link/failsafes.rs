@@ -552,11 +552,28 @@ fn after_a_restart_of_our_own_the_mode_must_be_entered_afresh() {
     for autopilot in BOTH {
         let mut flight = Flight::new(autopilot, Config::default());
         flight.bench.companion.require_entry();
+        flight.bench.say(&extended(2));
         flight.run(1.0);
         flight.assert_zero(Cause::EntryNeeded);
         flight.enter_afresh(|heartbeat| heartbeat.base_mode = DISARMED);
         flight.assert_flies();
     }
+}
+
+#[test]
+fn a_restart_in_a_take_off_sends_ardupilot_nothing_until_it_says_that_it_flies() {
+    let mut bench = Bench::new(Config::default());
+    bench.companion.require_entry();
+    bench.heartbeat = Some(heartbeat(ARDUPILOT, GUIDED, ARMED));
+    bench.run(1.0);
+    assert!(bench.setpoints().is_empty());
+    bench.say(&extended(3));
+    bench.run(1.0);
+    assert!(bench.setpoints().is_empty());
+    bench.say(&extended(2));
+    bench.run(1.0);
+    assert_eq!(bench.companion.cause(bench.now()), Cause::EntryNeeded);
+    assert!(!bench.setpoints().is_empty());
 }
 
 /// PX4 leaves OFFBOARD because nobody sends, and enters it again when somebody does: that is no word of its pilot.

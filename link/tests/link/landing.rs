@@ -147,6 +147,10 @@ fn the_pilots_word_ends_the_asking_and_so_does_a_guidance_that_is_silent() {
     bench.heartbeat = Some(heartbeat(ARDUPILOT, BRAKE, ARMED));
     bench.run(1.1);
     assert_eq!(asked_to_land(&mut bench, 5.0), [0; 0], "the pilot has it");
+    // It has landed, and takes off again for the next search, of which guidance does not know yet.
+    bench.heartbeat = Some(heartbeat(ARDUPILOT, GUIDED, ARMED));
+    bench.run(1.1);
+    assert_eq!(asked_to_land(&mut bench, 5.0), [0; 0], "that landing is over");
 
     let mut bench = Bench::flying();
     bench.output = Some(above_the_beacon(true));

@@ -207,6 +207,7 @@ fn after_a_short_silence_control_comes_back_and_after_a_long_one_only_by_a_fresh
         bench.heartbeat = None;
         bench.run(silence_s);
         bench.heartbeat = Some(in_mode);
+        bench.say(&extended(2));
         bench.run(2.0);
         bench
     };

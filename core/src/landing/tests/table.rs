@@ -318,7 +318,9 @@ fn on_the_ground_it_stands_still_and_disarms_only_if_the_user_wants_it() {
                 output = flight.step(&lander, &mut state, towards_beacon);
             }
             assert_eq!((output.stage, output.reason), (Stage::Landed, Some(Reason::Landed)), "{says_landed}");
-            assert_eq!((output.demand, output.wants_land), (Some((Horizontal::default(), 0.0)), request_land));
+            // Until the autopilot has seen the ground it is told to sink.
+            let down_mps = if says_landed { 0.0 } else { centring::COMMIT_MPS };
+            assert_eq!((output.demand, output.wants_land), (Some((Horizontal::default(), down_mps)), request_land));
         }
     }
 }
@@ -382,4 +384,29 @@ fn all_of_it_has_an_end_and_the_end_is_one() {
         }
     }
     assert!(over_s.is_some());
+}
+
+#[test]
+fn a_moment_with_room_beside_it_is_no_place_to_land() {
+    let lander =
+        Lander { config: Config { request_land: true, ..Config::default() }, ..Config::default().build().unwrap() };
+    let mut state = State::default();
+    state.enter(Stage::HandedOver, Some(Reason::Arrived), Instant(0));
+    let mut step = |micros: u64, clearance_m: f32| {
+        let ownship = Ownship { position_time: Instant(micros), attitude_time: Instant(micros), ..Ownship::default() };
+        let (now, tick_s, poses) = (Instant(micros), 0.02, &crate::base::history::Poses::default());
+        let (height_m, fix, estimate, look, ownship) = (None, None, None, None, Some(&ownship));
+        let (is_landed, is_blocked) = (false, false);
+        let input =
+            Input { now, ownship, height_m, poses, fix, estimate, look, is_landed, is_blocked, clearance_m, tick_s };
+        lander.step(&mut state, &input)
+    };
+    for tick in 0..500 {
+        let output = step(20_000 * tick, if tick % 40 == 0 { 0.19 } else { 0.28 });
+        assert_eq!((output.wants_land, output.reason), (false, Some(Reason::Blocked)), "{tick}");
+    }
+    for tick in 500..600 {
+        let output = step(20_000 * tick, 0.28);
+        assert!(output.wants_land == (tick > 530) || tick == 530, "{tick}");
+    }
 }
