@@ -552,8 +552,8 @@ fn after_a_restart_of_our_own_the_mode_must_be_entered_afresh() {
     for autopilot in BOTH {
         let mut flight = Flight::new(autopilot, Config::default());
         flight.bench.companion.require_entry();
-        flight.bench.say(&extended(2));
         flight.run(1.0);
+        flight.bench.say(&extended(2));
         flight.assert_zero(Cause::EntryNeeded);
         flight.enter_afresh(|heartbeat| heartbeat.base_mode = DISARMED);
         flight.assert_flies();
