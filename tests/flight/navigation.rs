@@ -91,7 +91,8 @@ const ROWS: Rows = Rows {
     gap_m: [0.9, 0.9],
 };
 
-/// Six rows of thin pillars with gaps of 0.9 m are passed by every flight, with four sensors and two vehicles.
+/// Six rows of thin pillars with gaps of 0.9 m are passed by every flight, with four sensors and two vehicles, by exact ranges and by
+/// ranges with errors.
 #[test]
 fn rows_of_pillars_by_scan_and_waveforms_are_passed_and_none_is_touched() {
     let dir = tempfile::tempdir().unwrap();
@@ -102,13 +103,16 @@ fn rows_of_pillars_by_scan_and_waveforms_are_passed_and_none_is_touched() {
         })
         .collect();
     for (fov_deg, range_m) in [(90, 3), (120, 4), (270, 5), (360, 4)] {
-        for vehicle in ["point", "arducopter"] {
+        for (vehicle, noise_m, missed) in
+            [("point", 0.0, 0.0), ("arducopter", 0.0, 0.0), ("arducopter", 0.03, 0.0), ("arducopter", 0.02, 0.05)]
+        {
+            let sensor =
+                json!({"model": "scan", "fov_deg": fov_deg, "range_m": range_m, "noise_m": noise_m, "missed": missed});
             let suite = json!({
                 "name": "rows of pillars", "bounds": [-3.0, -1.0, 3.0, 14.0], "goal_tolerance": 0.5, "max_time_s": 120,
-                "drone_radius": 0.15, "sensor": {"model": "scan", "fov_deg": fov_deg, "range_m": range_m},
-                "bearing": {"snr_db": 20}, "vehicle": {"model": vehicle}, "maps": maps,
+                "drone_radius": 0.15, "sensor": sensor, "bearing": {"snr_db": 20}, "vehicle": {"model": vehicle}, "maps": maps,
             });
-            assert_eq!(fly_suite(dir.path(), &suite), (40, 40, 0), "{fov_deg} deg, {range_m} m, {vehicle}");
+            assert_eq!(fly_suite(dir.path(), &suite), (40, 40, 0), "{sensor} {vehicle}");
         }
     }
 }

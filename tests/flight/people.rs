@@ -140,30 +140,30 @@ fn recorded_people_who_do_not_step_aside_are_evaded() {
         &[
             ("told all round, 1 m/s", TOLD_1, "point", 0, 225),
             ("told all round, 2 m/s", TOLD_2, "point", 0, 225),
-            ("scan of 72 sectors all round", SCAN_360, "point", 14, 211),
+            ("scan of 72 sectors all round", SCAN_360, "point", 12, 213),
             ("scan of 360 rays all round", RAYS_360, "point", 4, 221),
-            ("lidar on the computer's own line", LIDAR, "point", 2, 223),
+            ("lidar on the computer's own line", LIDAR, "point", 3, 222),
             ("72 sectors at once", SCAN_360_AT_ONCE, "point", 12, 213),
             ("360 rays at once", RAYS_360_AT_ONCE, "point", 5, 220),
             ("72 sectors at once, evading at 2 m/s", SCAN_360_FAST_AT_ONCE, "point", 7, 218),
             ("360 rays at once, evading at 2 m/s", RAYS_360_FAST_AT_ONCE, "point", 6, 219),
             ("scan of 90 deg, 3 m", SCAN_90, "point", 59, 166),
             ("told in 90 deg, 3 m", TOLD_90, "point", 42, 183),
-            ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "point", 8, 217),
-            ("scan of 360 rays all round, evading at 2 m/s", RAYS_360_FAST, "point", 4, 221),
+            ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "point", 6, 219),
+            ("scan of 360 rays all round, evading at 2 m/s", RAYS_360_FAST, "point", 3, 222),
             ("scan of 90 deg, 3 m, evading at 2 m/s", SCAN_90_FAST, "point", 51, 174),
             ("told all round, 1 m/s", TOLD_1, "arducopter", 0, 225),
             ("told all round, 2 m/s", TOLD_2, "arducopter", 6, 219),
-            ("scan of 72 sectors all round", SCAN_360, "arducopter", 22, 203),
-            ("scan of 360 rays all round", RAYS_360, "arducopter", 7, 218),
+            ("scan of 72 sectors all round", SCAN_360, "arducopter", 20, 205),
+            ("scan of 360 rays all round", RAYS_360, "arducopter", 12, 213),
             ("lidar on the computer's own line", LIDAR, "arducopter", 8, 217),
             ("72 sectors at once", SCAN_360_AT_ONCE, "arducopter", 24, 201),
             ("360 rays at once", RAYS_360_AT_ONCE, "arducopter", 7, 218),
             ("72 sectors at once, evading at 2 m/s", SCAN_360_FAST_AT_ONCE, "arducopter", 17, 208),
             ("360 rays at once, evading at 2 m/s", RAYS_360_FAST_AT_ONCE, "arducopter", 6, 219),
             ("scan of 90 deg, 3 m", SCAN_90, "arducopter", 89, 136),
-            ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "arducopter", 18, 207),
-            ("scan of 360 rays all round, evading at 2 m/s", RAYS_360_FAST, "arducopter", 8, 217),
+            ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "arducopter", 16, 209),
+            ("scan of 360 rays all round, evading at 2 m/s", RAYS_360_FAST, "arducopter", 7, 218),
         ],
     );
 }
@@ -197,8 +197,8 @@ fn drawn_people_who_cross_the_way_are_evaded() {
             ("scan of 72 sectors all round", SCAN_360, "point", 7, 33),
             ("told all round, 1 m/s", TOLD_1, "arducopter", 0, 40),
             ("scan of 72 sectors all round", SCAN_360, "arducopter", 13, 27),
-            ("scan of 360 rays all round", RAYS_360, "point", 2, 38),
-            ("scan of 360 rays all round", RAYS_360, "arducopter", 6, 34),
+            ("scan of 360 rays all round", RAYS_360, "point", 4, 36),
+            ("scan of 360 rays all round", RAYS_360, "arducopter", 2, 38),
             ("72 sectors at once", SCAN_360_AT_ONCE, "point", 5, 35),
             ("72 sectors at once", SCAN_360_AT_ONCE, "arducopter", 12, 28),
             ("360 rays at once", RAYS_360_AT_ONCE, "point", 1, 39),
@@ -234,12 +234,12 @@ fn who_is_followed_is_followed_well_and_nobody_else_is() {
 /// ArduCopter's delays, and both by scans of 72 sectors at once. The test prints it as it stands here.
 const SCENE_HITS: [[usize; 6]; 8] = [
     [0, 0, 0, 0, 1, 0],   // crossing
-    [2, 8, 8, 12, 5, 10], // swaying
-    [4, 7, 7, 13, 8, 9],  // stopping
+    [2, 8, 8, 11, 5, 10], // swaying
+    [4, 8, 7, 11, 8, 9],  // stopping
     [2, 5, 1, 7, 5, 4],   // turning
-    [0, 6, 1, 11, 9, 11], // in groups
+    [0, 8, 1, 12, 9, 11], // in groups
     [0, 1, 1, 3, 2, 1],   // overtaking
-    [0, 0, 4, 3, 2, 6],   // two streams in a corridor of 4 m
+    [0, 1, 4, 4, 2, 6],   // two streams in a corridor of 4 m
     [0, 0, 0, 0, 0, 0],   // stepping aside
 ];
 
@@ -280,6 +280,6 @@ fn pillars_that_move_are_not_hit_and_those_that_swing_seldom() {
     let trap: Value = serde_json::from_str(&trap).unwrap();
     let movers: Vec<Value> = (0..scenes::FLIGHTS).map(|_| trap.clone()).collect();
     hold(&movers, &[("the trap's moving pillars, scan of 72 sectors all round", SCAN_360, "point", 0, 20)]);
-    hold(&scenes::swinging(), &[("pillars that swing, scan of 72 sectors all round", SCAN_360, "point", 4, 16)]);
+    hold(&scenes::swinging(), &[("pillars that swing, scan of 72 sectors all round", SCAN_360, "point", 3, 17)]);
     hold(&scenes::swinging(), &[("pillars that swing, 72 sectors at once", SCAN_360_AT_ONCE, "point", 2, 18)]);
 }

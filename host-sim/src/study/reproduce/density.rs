@@ -21,7 +21,7 @@ use serde_json::{Value, json};
 use super::beside::{self, empty, judged, line, signed};
 use super::chart::{Axis, Bar, Bars, Chart, Panel, Series};
 use super::kinematic::Rules;
-use super::potential::{draw_heat, draw_surface};
+use super::potential::draw_heat;
 use super::settings::Settings;
 use crate::drive::maps::{self, TABLE_I};
 use crate::drive::suite::{self, Selection, Tally, wilson_95};
@@ -273,17 +273,14 @@ impl Study for Report {
         text
     }
 
-    /// Draws the rates with their intervals and the relative lengths, and a flight in its potential as a map and as a
-    /// surface; says which files these are.
+    /// Draws the rates with their intervals and the relative lengths, and a flight in its potential; says which
+    /// files these are.
     fn figures(&self, folder: &Path) -> Result<Vec<PathBuf>, InputError> {
-        let [chart, map, surface] =
-            ["apf-density.svg", "apf-density-map.svg", "apf-density-surface.svg"].map(|name| folder.join(name));
+        let [chart, map] = ["apf-density.svg", "apf-density-map.svg"].map(|name| folder.join(name));
         self.chart().draw(&chart)?;
         let Some(pictured) = &self.pictured else { return Ok(vec![chart]) };
-        let scene = pictured.scene();
-        draw_surface(&scene, &surface)?;
-        draw_heat(&[scene], &map)?;
-        Ok(vec![chart, map, surface])
+        draw_heat(&[pictured.scene()], &map)?;
+        Ok(vec![chart, map])
     }
 
     /// Success rates, and what the paper's planner gains on its baseline.

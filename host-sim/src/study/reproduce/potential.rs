@@ -1,4 +1,4 @@
-//! Pictures of a potential field: as a heat map with what was flown in it, and as a surface in three dimensions.
+//! Pictures of a potential field: heat maps with what was flown in them.
 //!
 //! The potential is shown up to a ceiling, in bands; what is above it has the colour of the highest band.
 
@@ -26,15 +26,9 @@ const TITLE: f64 = 64.0;
 const LEGEND: f64 = 64.0;
 /// Maps side by side.
 const COLUMNS: usize = 2;
-/// Page of the surface, in points.
-const PAGE: [f64; 2] = [960.0, 720.0];
-/// Cells of a map's side, and of the surface's.
+/// Cells of a map's side.
 const CELLS: usize = 120;
-const PATCHES: usize = 72;
 const BANDS: usize = 28;
-/// How steeply, and from where, the surface is looked at.
-const PITCH_RAD: f64 = 0.62;
-const YAW_RAD: f64 = 0.55;
 
 const PILLAR: RGBColor = RGBColor(75, 85, 99);
 const START: RGBColor = RGBColor(21, 128, 61);
@@ -133,14 +127,6 @@ pub(super) fn draw_heat(scenes: &[Scene], path: &Path) -> Result<(), InputError>
     })
 }
 
-/// Draws a field as a surface.
-///
-/// # Errors
-/// The file cannot be written.
-pub(super) fn draw_surface(scene: &Scene, path: &Path) -> Result<(), InputError> {
-    write_svg(path, PAGE, |area| surface(area, scene))
-}
-
 fn heat<B: DrawingBackend>(area: &Sheet<'_, B>, scene: &Scene, [left, top]: [f64; 2]) -> Drawn<B> {
     let [west, south, east, north] = scene.bounds;
     let scale = MAP / (east - west).max(north - south);
@@ -209,98 +195,4 @@ fn heat<B: DrawingBackend>(area: &Sheet<'_, B>, scene: &Scene, [left, top]: [f64
         x += 40.0 + 7.0 * name.len() as f64;
     }
     Ok(())
-}
-
-/// A patch of the surface and its distance from the viewer.
-struct Patch {
-    depth: i32,
-    corners: Vec<(f64, f64, f64)>,
-    color: RGBColor,
-}
-
-fn surface<B: DrawingBackend>(area: &Sheet<'_, B>, scene: &Scene) -> Drawn<B> {
-    let [west, south, east, north] = scene.bounds;
-    let ceiling = scene.ceiling();
-    text(area, &scene.title, [EDGE, 32.0], 20.0, INK, (HPos::Left, VPos::Center))?;
-    let margin = OVERSIZE * 40;
-    let mut chart = ChartBuilder::on(area).margin(margin).margin_top(2 * margin).build_cartesian_3d(
-        west..east,
-        0.0..ceiling,
-        south..north,
-    )?;
-    chart.with_projection(|mut view| {
-        view.pitch = PITCH_RAD;
-        view.yaw = YAW_RAD;
-        view.scale = 0.8;
-        view.into_matrix()
-    });
-    chart
-        .configure_axes()
-        .label_style(TextStyle::from(("sans-serif", 12.0 * f64::from(OVERSIZE)).into_font()).color(&FAINT_INK))
-        .bold_grid_style(line(GRID, 1.0, 0.8))
-        .light_grid_style(line(PAPER, 1.0, 0.2))
-        .max_light_lines(1)
-        .x_labels(6)
-        .y_labels(5)
-        .z_labels(6)
-        .draw()?;
-
-    let edge = |patch: usize| patch as f64 / PATCHES as f64;
-    let height = |x: f64, y: f64| {
-        let potential = scene.potential(x, y);
-        if potential.is_finite() { potential.clamp(0.0, ceiling) } else { ceiling }
-    };
-    let corner = |column: usize, row: usize| {
-        let [x, y] = scene.at(edge(column), edge(row));
-        (x, height(x, y), y)
-    };
-    let mut patches: Vec<Patch> = Vec::with_capacity(PATCHES * PATCHES);
-    for row in 0..PATCHES {
-        for column in 0..PATCHES {
-            let corners = vec![
-                corner(column, row),
-                corner(column + 1, row),
-                corner(column + 1, row + 1),
-                corner(column, row + 1),
-            ];
-            let middle = corners.iter().map(|corner| corner.1).sum::<f64>() / 4.0;
-            let [x, y] = scene.at(edge(column) + 0.5 * edge(1), edge(row) + 0.5 * edge(1));
-            let depth = chart.as_coord_spec().projected_depth(&x, &0.0, &y);
-            // Light from the west: what falls to the west is bright.
-            let rise = (corners[1].1 - corners[0].1) / ceiling * PATCHES as f64;
-            let shade = (1.0 + 0.12 * rise).clamp(0.6, 1.15);
-            patches.push(Patch { depth, corners, color: color(band(level(middle, ceiling)), shade) });
-        }
-    }
-    patches.sort_by_key(|patch| patch.depth);
-    chart.draw_series(patches.into_iter().map(|patch| Polygon::new(patch.corners, patch.color.filled())))?;
-
-    let lifted = |place: &Horizontal| {
-        let (x, y) = place.xy();
-        let (x, y) = (x.clamp(west, east), y.clamp(south, north));
-        (x, height(x, y) + 0.01 * ceiling, y)
-    };
-    for (index, ((_, places), color)) in scene.paths.iter().zip(PATHS).enumerate() {
-        let points: Vec<(f64, f64, f64)> = places.iter().map(lifted).collect();
-        let width = scene.width(index);
-        for style in [line(INK, 0.55, width + 1.4), line(color, 1.0, width)] {
-            chart.draw_series([PathElement::new(points.clone(), style)])?;
-        }
-    }
-    for (end, color) in [(scene.start, START), (scene.goal, GOAL)] {
-        chart.draw_series([
-            Circle::new(lifted(&end), pixels(6.0), PAPER.filled()),
-            Circle::new(lifted(&end), pixels(4.4), color.filled()),
-        ])?;
-    }
-    let mut y = PAGE[1] - 24.0 - 18.0 * scene.paths.len() as f64;
-    for ((name, _), color) in scene.paths.iter().zip(PATHS) {
-        let points = vec![(pixels(EDGE), pixels(y)), (pixels(EDGE + 20.0), pixels(y))];
-        area.draw(&PathElement::new(points.clone(), line(INK, 0.55, 3.2)))?;
-        area.draw(&PathElement::new(points, line(color, 1.0, 1.8)))?;
-        text(area, name, [EDGE + 26.0, y], 13.0, INK, (HPos::Left, VPos::Center))?;
-        y += 18.0;
-    }
-    let axes = "east and north, m; upwards: potential";
-    text(area, axes, [PAGE[0] - EDGE, PAGE[1] - 24.0], 13.0, FAINT_INK, (HPos::Right, VPos::Center))
 }

@@ -23,7 +23,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::beside::{empty, judged, line};
-use super::potential::{Scene as Pictured, draw_heat, draw_surface};
+use super::potential::{Scene as Pictured, draw_heat};
 use super::settings::Settings;
 use crate::drive::flight::Ending;
 use crate::scenario::input::InputError;
@@ -348,14 +348,12 @@ impl Study for Report {
         text
     }
 
-    /// Draws the paths from beside the printed start in the traditional potential, and that of the third scene as a
-    /// surface; says which files these are.
+    /// Draws the paths from beside the printed start in the traditional potential; says which file that is.
     fn figures(&self, folder: &Path) -> Result<Vec<PathBuf>, InputError> {
-        let [map, surface] = ["apf-variants.svg", "apf-variants-surface.svg"].map(|name| folder.join(name));
+        let map = folder.join("apf-variants.svg");
         let scenes: Vec<Pictured> = (0..SCENES.len()).map(|index| self.pictured(index)).collect();
         draw_heat(&scenes, &map)?;
-        draw_surface(&scenes[2], &surface)?;
-        Ok(vec![map, surface])
+        Ok(vec![map])
     }
 
     /// Times to the goal, from beside the printed start.
