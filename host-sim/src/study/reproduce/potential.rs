@@ -7,14 +7,11 @@ use std::path::Path;
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_papers::apf::Field;
 use plotters::coord::Shift;
-use plotters::prelude::{
-    ChartBuilder, Circle, DrawingArea, DrawingBackend, IntoFont as _, PathElement, Polygon, RGBColor, Rectangle,
-    TextStyle,
-};
+use plotters::prelude::{Circle, DrawingArea, DrawingBackend, PathElement, RGBColor, Rectangle};
 use plotters::style::Color as _;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use crate::record::sheet::{Drawn, FAINT_INK, FRAME, GRID, INK, OVERSIZE, PAPER, line, pixels, text, write_svg};
+use crate::record::sheet::{Drawn, FAINT_INK, FRAME, INK, PAPER, line, pixels, text, write_svg};
 use crate::scenario::input::InputError;
 use crate::world::Horizontal;
 
