@@ -6,7 +6,7 @@ use crate::base::time::Instant;
 use crate::base::units::{sin_cos, wrap_pi};
 
 /// Number of stored poses.
-const KEPT: usize = 24;
+const KEPT: usize = 22;
 /// Least time between two of them.
 const APART_US: u64 = 18_000;
 /// The oldest and newest may be used for times that are older or newer by this much.
