@@ -1,4 +1,4 @@
-"""Boots the firmware image in QEMU without the simulator and plays a GUIDED, armed autopilot on UART0.
+"""Boots the firmware image in QEMU without the simulator and plays a GUIDED, armed autopilot in the air on UART0.
 
 With no antenna frame there is nothing to follow: the companion must beat at 1 Hz and stream zero velocity at 20 Hz.
 
@@ -40,7 +40,8 @@ try:
         if time.monotonic() >= beat_at:
             beat_at = time.monotonic() + 1.0
             beat = mavlink.MAVLink_heartbeat_message(2, 3, 1 | ARMED, GUIDED, 4, 3)
-            line.sendall(beat.pack(encoder))
+            in_air = mavlink.MAVLink_extended_sys_state_message(0, mavlink.MAV_LANDED_STATE_IN_AIR)
+            line.sendall(beat.pack(encoder) + in_air.pack(encoder))
         try:
             data = line.recv(4096)
         except TimeoutError:
