@@ -492,7 +492,8 @@ impl Companion {
             self.insane_since.get_or_insert(now);
             Setpoint::default()
         };
-        if output.is_final() {
+        // It is reported that it has landed until the next take-off, to which the pilot's arming is a fresh entry.
+        if output.is_final() && (output.outcome != Outcome::Landed || self.cause(now) == Cause::None) {
             self.has_ended = true;
         } else if output.outcome.behaviour() == Behaviour::Follow {
             self.has_ended = false;

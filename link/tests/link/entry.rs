@@ -139,6 +139,34 @@ fn a_descent_that_was_interrupted_is_no_search_at_that_height() {
 }
 
 #[test]
+fn after_a_landing_only_disarming_or_a_fresh_entry_lets_it_search_again() {
+    for disarms in [true, false] {
+        let mut bench = Bench::flying();
+        bench.run(1.0);
+        let last = output([0.0; 3], 0.0);
+        let landed = foxhound_core::guidance::Output { outcome: Outcome::Landed, ..last };
+        bench.output = Some(landed);
+        bench.run(1.0);
+        bench.say(&extended(1));
+        bench.run(1.5);
+        assert_eq!(bench.companion.cause(bench.now()), Cause::OnGround);
+        if disarms {
+            bench.heartbeat = Some(heartbeat(ARDUPILOT, GUIDED, DISARMED));
+            bench.run(1.5);
+            bench.heartbeat = Some(heartbeat(ARDUPILOT, GUIDED, ARMED));
+            bench.run(1.5);
+        }
+        bench.output = Some(foxhound_core::guidance::Output { outcome: Outcome::NotInControl, ..last });
+        bench.say(&extended(3));
+        bench.run(1.5);
+        bench.say(&extended(2));
+        bench.run(0.1);
+        let cause = if disarms { Cause::None } else { Cause::EntryNeeded };
+        assert_eq!(bench.companion.cause(bench.now()), cause, "{disarms}");
+    }
+}
+
+#[test]
 fn what_guidance_has_ended_is_not_begun_again_by_a_hold_of_ours() {
     let pause = |param1| {
         MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
