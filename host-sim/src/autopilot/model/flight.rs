@@ -8,6 +8,9 @@ use crate::world::wrap_pi;
 /// Higher than this it has left the ground.
 const LIFTED_M: f64 = 0.3;
 const GROUND_M: f64 = 0.02;
+/// While it flies setpoints it takes itself for landed if they sink faster than this, and it has stood for so long.
+const TOLD_MPS: f64 = 0.05;
+const STANDS_US: u64 = 1_000_000;
 const TOUCH_RATE: f64 = 1.5;
 const TOUCH_SPEED_MPS: f64 = 0.05;
 /// Speeds of its own flight. `LAND_SPEED` 0.5 m/s \[src\]; the others are of the order of both autopilots' defaults.
@@ -101,6 +104,8 @@ pub(super) struct Flight {
     /// Its estimate, which is also reported.
     pub(super) landed: bool,
     landed_us: Option<u64>,
+    /// Since when it has stood on the ground while it was told to sink.
+    stood_us: Option<u64>,
     has_flown: bool,
     /// The companion's last request, which is obeyed; `None` makes it stop.
     pub(super) goal: Option<Goal>,
@@ -125,6 +130,7 @@ impl Flight {
         Self {
             landed,
             landed_us: None,
+            stood_us: None,
             has_flown: false,
             goal: None,
             stream_us: None,
@@ -180,13 +186,17 @@ impl Autopilot {
     }
 
     fn watch_the_ground(&mut self, now_us: u64) {
-        let is_landing = self.is_going_down();
+        let (is_told, wait_us) = self.is_told_to_sink(now_us);
         let flight = &mut self.flight;
+        let stands = is_told && flight.height_m() < GROUND_M;
+        let stood_us = flight.stood_us.filter(|_| stands).or(stands.then_some(now_us));
+        flight.stood_us = stood_us;
+        let has_stood = stood_us.is_some_and(|since_us| now_us >= since_us + wait_us);
         if flight.height_m() > LIFTED_M {
             // A vehicle in the air that reports that it has landed is an injected fault, which stays.
             flight.landed &= !self.armed || flight.has_flown;
             flight.has_flown = true;
-        } else if flight.height_m() < GROUND_M && is_landing && !flight.landed {
+        } else if has_stood && !flight.landed {
             flight.landed = true;
             flight.has_flown = false;
             flight.takeoff_down_m = None;
@@ -200,6 +210,18 @@ impl Autopilot {
             if self.behaviour() != Behaviour::Companion {
                 self.armed = false;
             }
+        }
+    }
+
+    /// Whether it may take itself for landed, and for how long it must stand before: while it flies setpoints, only if they ask it to sink
+    /// (ArduCopter's `land_detector.cpp`, PX4's `MulticopterLandDetector.cpp` \[src\]).
+    fn is_told_to_sink(&self, now_us: u64) -> (bool, u64) {
+        match self.behaviour() {
+            Behaviour::Companion => {
+                let command = self.command_in_the_air(now_us);
+                (command.is_some_and(|command| command.velocity_ned_mps[2] > TOLD_MPS), STANDS_US)
+            }
+            _ => (self.is_going_down(), 0),
         }
     }
 
