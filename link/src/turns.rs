@@ -48,6 +48,69 @@ impl Bits {
     }
 }
 
+/// How fast the sensor turns, by the times of its messages.
+#[derive(Clone, Copy, Debug)]
+struct Pace {
+    /// When the first message of this turn came, and the ray behind its last.
+    began: Instant,
+    first_to: usize,
+    /// When the last one came, and the same.
+    heard_last: Instant,
+    last_to: usize,
+    /// The ray that is next if the sensor goes on.
+    next_from: usize,
+    /// Whether each message came after the one before.
+    is_in_order: bool,
+    has_gap: bool,
+    messages: u8,
+    /// Time from a ray to the next in the last turn that told it; 0 if none did.
+    each_s: f32,
+}
+
+impl Pace {
+    const UNKNOWN: Self = Self {
+        began: Instant(0),
+        first_to: 0,
+        heard_last: Instant(0),
+        last_to: 0,
+        next_from: 0,
+        is_in_order: true,
+        has_gap: false,
+        messages: 0,
+        each_s: 0.0,
+    };
+
+    /// A message has come, of rays from one to before another, with room for so many.
+    fn hear(&mut self, now: Instant, from: usize, to: usize, count: usize) {
+        if self.messages == 0 {
+            (self.began, self.first_to, self.is_in_order, self.has_gap) = (now, to, true, false);
+        } else {
+            self.is_in_order &= from >= self.last_to;
+            self.has_gap |= from > self.next_from;
+        }
+        (self.heard_last, self.last_to, self.next_from) = (now, to, from + count);
+        self.messages = self.messages.saturating_add(1);
+    }
+
+    /// How long a turn of so many rays took, and the time of its middle. A message comes when its last ray has been
+    /// measured. One message does not tell how long a turn takes, nor do those around a lost one, which may be of
+    /// directions that come independently: then it is as in the turn before.
+    fn end(&mut self, rays: usize) -> (f32, Instant) {
+        let took_us = self.heard_last.micros_since(self.began);
+        if self.is_in_order && !self.has_gap && self.messages > 1 {
+            self.each_s = took_us as f32 * 1e-6 / (self.last_to as f32 - self.first_to as f32);
+        }
+        let rays = rays as f32;
+        let turn_s = self.each_s * rays;
+        if self.is_in_order && turn_s <= TURN_MAX_US as f32 * 1e-6 {
+            let since_middle_s = self.each_s * (self.last_to as f32 - 0.5 * rays);
+            (turn_s, Instant(self.heard_last.0.saturating_sub((1e6 * since_middle_s) as u64)))
+        } else {
+            (0.0, self.began.plus_micros(took_us / 2))
+        }
+    }
+}
+
 /// The rays gathered so far, and the scan made of them.
 #[derive(Clone, Debug)]
 pub(crate) struct Turns {
@@ -61,22 +124,11 @@ pub(crate) struct Turns {
     step_deg: f32,
     /// Directions that are clear where nothing is reported about them.
     untold: u8,
-    /// When the first message of this turn came, and the ray behind its last; when the last one came, and the same.
-    began: Instant,
-    first_to: usize,
-    heard_last: Instant,
-    last_to: usize,
-    /// The ray that is next if the sensor goes on; whether each message came after the one before, and whether one was lost.
-    next_from: usize,
-    is_in_order: bool,
-    has_gap: bool,
-    /// Time from a ray to the next in the last turn that told it; 0 if none did.
-    each_s: f32,
+    pace: Pace,
     /// Angles of the last message count from north.
     is_from_north: bool,
-    /// Messages of this turn so far; there is no scan yet where they are fewer than the last turn had.
-    parts: u8,
-    parts_before: u8,
+    /// Messages of the last turn: while this one has fewer there is no scan yet.
+    messages_before: u8,
     /// The rays that were received in this turn, and those with which a message began.
     heard: Bits,
     begun: Bits,
@@ -98,17 +150,9 @@ impl Turns {
             first_deg: 0.0,
             step_deg: 0.0,
             untold: 0,
-            began: Instant(0),
-            first_to: 0,
-            heard_last: Instant(0),
-            last_to: 0,
-            next_from: 0,
-            is_in_order: true,
-            has_gap: false,
-            each_s: 0.0,
+            pace: Pace::UNKNOWN,
             is_from_north: false,
-            parts: 0,
-            parts_before: 1,
+            messages_before: 1,
             heard: Bits::NONE,
             begun: Bits::NONE,
         }
@@ -126,7 +170,7 @@ impl Turns {
 
     /// Forgets all of it.
     pub(crate) fn clear(&mut self) {
-        (self.is_new, self.parts, self.parts_before, self.each_s) = (false, 0, 1, 0.0);
+        (self.is_new, self.messages_before, self.pace) = (false, 1, Pace::UNKNOWN);
         (self.heard, self.begun) = (Bits::NONE, Bits::NONE);
         self.scan.rays.resize(0);
     }
@@ -138,8 +182,9 @@ impl Turns {
 
     /// Drops a scan that has not been taken for that long, and stops waiting for a turn that does not end.
     pub(crate) fn age(&mut self, now: Instant, age_max_s: f32) {
-        if (1..self.parts_before).contains(&self.parts) && now.micros_since(self.began) > TURN_MAX_US {
-            self.parts_before = self.parts;
+        let Pace { messages, began, .. } = self.pace;
+        if (1..self.messages_before).contains(&messages) && now.micros_since(began) > TURN_MAX_US {
+            self.messages_before = messages;
             self.end();
         }
         if is_over(now, self.scan.time, age_max_s) {
@@ -153,12 +198,12 @@ impl Turns {
         let mut from = 0;
         match self.place(now, component_id, part) {
             // The turn began with another ray only because a message was lost.
-            Some(ray) if self.begun.has(ray) && (self.heard.has(ray) || ray == 0 && self.parts > 0) => {
+            Some(ray) if self.begun.has(ray) && (self.heard.has(ray) || ray == 0 && self.pace.messages > 0) => {
                 // The next turn. The rays of the one before are a scan, if they are not one yet.
-                if self.parts < self.parts_before {
+                if self.pace.messages < self.messages_before {
                     self.end();
                 }
-                (self.parts_before, self.parts, self.heard) = (self.parts, 0, Bits::NONE);
+                (self.messages_before, self.heard) = (core::mem::take(&mut self.pace.messages), Bits::NONE);
                 from = ray;
             }
             Some(ray) if (ray..ray + said(part, ray)).all(|ray| !self.heard.has(ray)) => from = ray,
@@ -168,13 +213,7 @@ impl Turns {
             }
         }
         let to = from + said(part, from);
-        if self.parts == 0 {
-            (self.began, self.first_to, self.is_in_order, self.has_gap) = (now, to, true, false);
-        } else {
-            self.is_in_order &= from >= self.last_to;
-            self.has_gap |= from > self.next_from;
-        }
-        (self.heard_last, self.last_to, self.next_from) = (now, to, from + part.count);
+        self.pace.hear(now, from, to, part.count);
         self.untold = part.untold;
         let scan = &mut self.scan;
         scan.step_rad = part.step_deg * (PI / 180.0);
@@ -189,8 +228,7 @@ impl Turns {
             self.heard.set(ray);
         }
         self.begun.set(from);
-        self.parts = self.parts.saturating_add(1);
-        if self.parts >= self.parts_before || self.is_whole() {
+        if self.pace.messages >= self.messages_before || self.is_whole() {
             self.end();
         }
     }
@@ -200,7 +238,7 @@ impl Turns {
         let is_same = component_id == self.component_id
             && part.step_deg == self.step_deg
             && part.range_max_m == self.scan.range_max_m
-            && now.micros_since(self.began) <= TURN_MAX_US;
+            && now.micros_since(self.pace.began) <= TURN_MAX_US;
         let steps = (part.first_deg - self.first_deg) / part.step_deg;
         let whole = libm::roundf(steps);
         if !is_same || libm::fabsf(steps - whole) > OFF_GRID_MAX {
@@ -231,22 +269,10 @@ impl Turns {
                 self.scan.rays.set(ray, told);
             }
         }
-        // A message comes when its last ray has been measured. One message does not tell how long a turn takes, nor do those around
-        // a lost one, which may be of directions that come independently: then it is as in the turn before.
-        let (since_s, rays) = (self.heard_last.seconds_since(self.began), self.scan.rays.len() as f32);
-        if self.is_in_order && !self.has_gap && self.parts > 1 {
-            self.each_s = since_s / (self.last_to as f32 - self.first_to as f32);
-        }
-        let turn_s = self.each_s * rays;
-        (self.scan.turn_s, self.scan.time) = if self.is_from_north {
-            // They were turned by the heading of the moment when they came.
-            (0.0, self.heard_last)
-        } else if self.is_in_order && turn_s <= TURN_MAX_US as f32 * 1e-6 {
-            let since_middle_s = self.each_s * (self.last_to as f32 - 0.5 * rays);
-            (turn_s, Instant(self.heard_last.0.saturating_sub((1e6 * since_middle_s) as u64)))
-        } else {
-            (0.0, self.began.plus_micros(self.heard_last.micros_since(self.began) / 2))
-        };
+        let told = self.pace.end(self.scan.rays.len());
+        // Angles from north were turned by the heading of the moment when they came.
+        let at_once = (0.0, self.pace.heard_last);
+        (self.scan.turn_s, self.scan.time) = if self.is_from_north { at_once } else { told };
         self.is_new = true;
     }
 }
