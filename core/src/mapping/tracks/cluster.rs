@@ -4,7 +4,7 @@ use core::ops::Range;
 
 use heapless::Vec;
 
-use super::{CLUSTERS_MAX, RADIUS_M};
+use super::{CLUSTERS_MAX, Kept, RADIUS_M};
 use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
@@ -29,44 +29,41 @@ const ENOUGH_M: f32 = 0.003;
 /// Hits that lie together.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cluster {
-    pub(super) from: usize,
-    pub(super) to: usize,
     pub(super) center_ned_m: Horizontal,
+    /// Distance of the nearest hit.
+    pub(super) range_m: f32,
     pub(super) sigma_m: f32,
     /// How long before the time of the tracks it was measured.
     pub(super) ago_s: f32,
-    /// Part of something long or straight: a wall, or people side by side.
-    pub(super) is_long: bool,
     /// An earlier scan saw through where it is now.
     pub(super) was_free: bool,
     /// The track that it belongs to.
     pub(super) track: Option<u8>,
 }
 
-/// The clusters that may be objects, of a scan that is `late_s` old.
-pub(super) fn find(
-    clusters: &mut Vec<Cluster, CLUSTERS_MAX>,
-    scan: &Scan,
-    late_s: f32,
-    pose: &Pose,
-    hits: &[Horizontal],
-) {
-    let step_rad = libm::fabsf(scan.step_rad);
+/// A scan, `late_s` old, and where it hits; an earlier scan.
+pub(super) struct View<'a> {
+    pub(super) scan: &'a Scan,
+    pub(super) late_s: f32,
+    pub(super) pose: &'a Pose,
+    pub(super) hits: &'a [Horizontal],
+    pub(super) before: Option<&'a Kept>,
+}
+
+/// The clusters that may be objects; the nearest, if they are too many.
+pub(super) fn find(clusters: &mut Vec<Cluster, CLUSTERS_MAX>, view: &View<'_>) {
+    let step_rad = libm::fabsf(view.scan.step_rad);
     let mut from = 0;
     let mut cusp = Cusp::default();
-    for to in 1..=hits.len() {
-        // Of very many the last are not followed.
-        if clusters.is_full() {
-            return;
-        }
-        let (Some(before), next) = (hits.get(to - 1), hits.get(to)) else { continue };
+    for to in 1..=view.hits.len() {
+        let (Some(before), next) = (view.hits.get(to - 1), view.hits.get(to)) else { continue };
         let cut = cusp.step(to - 1, before.norm());
         if let Some(cut) = cut.filter(|cut| *cut > from) {
-            cut_up(clusters, scan, late_s, pose, hits, from..cut);
+            cut_up(clusters, view, from..cut);
             from = cut;
         }
         if next.is_none_or(|next| is_apart(*before, *next, step_rad)) {
-            cut_up(clusters, scan, late_s, pose, hits, from..to);
+            cut_up(clusters, view, from..to);
             (from, cusp) = (to, Cusp::default());
         }
     }
@@ -74,33 +71,35 @@ pub(super) fn find(
 
 /// A piece, in parts as long as an object where it is longer.
 #[inline(never)]
-fn cut_up(
-    clusters: &mut Vec<Cluster, CLUSTERS_MAX>,
-    scan: &Scan,
-    late_s: f32,
-    pose: &Pose,
-    hits: &[Horizontal],
-    piece: Range<usize>,
-) {
+fn cut_up(clusters: &mut Vec<Cluster, CLUSTERS_MAX>, view: &View<'_>, piece: Range<usize>) {
+    let View { scan, late_s, pose, hits, before } = *view;
     let points = hits.get(piece.clone()).unwrap_or_default();
     let (Some(first), Some(last)) = (points.first(), points.last()) else { return };
     let chord_m = last.minus(*first).norm();
+    // A wall, or people side by side, who came to where nothing was.
     let is_long = is_wall(points, chord_m);
     let parts = (libm::roundf(chord_m / PART_M) as usize).min(points.len()).max(1);
     for part in 0..parts {
         let at = |part: usize| piece.start + part * points.len() / parts;
         let (from, to) = (at(part), at(part + 1));
         let its = hits.get(from..to).unwrap_or_default();
+        let was_free = before.is_some_and(|before| before.saw_through(its, pose.position_ned_m));
+        if is_long && !was_free {
+            continue;
+        }
         let (center, range_m) = center(its);
         let sigma_m = sigma_m(scan, pose, its, range_m);
         // A hit of the first or the last ray may lie outside of the view from where the vehicle was in the middle of the turn.
         let middle = its.get(its.len() / 2).map_or(0, |hit| ray_at(scan, pose, *hit)).max(0) as usize;
         let after_s = scan.after_s(middle.min(scan.rays.len().saturating_sub(1)) as f32);
         let center_ned_m = center.plus(pose.position_ned_m);
-        let seen =
-            Cluster { from, to, center_ned_m, sigma_m, ago_s: late_s - after_s, is_long, was_free: false, track: None };
-        // When the list is full, it is not followed.
-        let _ = clusters.push(seen);
+        let seen = Cluster { center_ned_m, range_m, sigma_m, ago_s: late_s - after_s, was_free, track: None };
+        let Err(seen) = clusters.push(seen) else { continue };
+        if let Some(farthest) = clusters.iter_mut().max_by(|a, b| a.range_m.total_cmp(&b.range_m))
+            && seen.range_m < farthest.range_m
+        {
+            *farthest = seen;
+        }
     }
 }
 

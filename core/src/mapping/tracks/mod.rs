@@ -176,11 +176,10 @@ impl Kept {
         self.ranges.take(scan);
     }
 
-    /// Whether enough of the hits of a cluster lie where this scan saw through.
-    fn saw_through(&self, hits: &[Horizontal], from_ned_m: Horizontal, seen: &Cluster) -> bool {
-        let points = hits.get(seen.from..seen.to).unwrap_or_default();
+    /// Whether enough of the hits of a piece lie where this scan saw through.
+    fn saw_through(&self, hits: &[Horizontal], from_ned_m: Horizontal) -> bool {
         let is_through = |point: &&Horizontal| self.beyond_m(point.plus(from_ned_m)) > THROUGH_M;
-        points.iter().filter(is_through).count() as f32 > THROUGH_SHARE * points.len() as f32
+        hits.iter().filter(is_through).count() as f32 > THROUGH_SHARE * hits.len() as f32
     }
 
     /// How much farther was seen in the direction of a place than the place is; negative where that is not known.
@@ -355,13 +354,8 @@ impl Tracks {
     pub fn observe(&mut self, scan: &Scan, pose: &Pose, velocity_ned_mps: Horizontal, hits: &[Horizontal]) {
         let mut clusters: Vec<Cluster, CLUSTERS_MAX> = Vec::new();
         let late_s = self.time.map_or(0.0, |now| between(now.seconds_since(scan.time), 0.0, LATE_MAX_S));
-        cluster::find(&mut clusters, scan, late_s, pose, hits);
-        if let Some(before) = self.before(scan.time) {
-            for seen in &mut clusters {
-                seen.was_free = before.saw_through(hits, pose.position_ned_m, seen);
-            }
-        }
-        clusters.retain(|seen| !seen.is_long || seen.was_free);
+        let before = self.before(scan.time);
+        cluster::find(&mut clusters, &cluster::View { scan, late_s, pose, hits, before });
         let taken = associate(&self.tracks, &mut clusters);
         let mut now = Kept::default();
         now.take(scan, pose, velocity_ned_mps);
@@ -418,8 +412,14 @@ fn associate(tracks: &[Track], clusters: &mut [Cluster]) -> u32 {
         for (t, (track, gate_m2)) in tracks.iter().zip(&gates).enumerate() {
             let squared = seen.center_ned_m.minus(track.center_before(seen.ago_s)).norm_squared();
             if squared < *gate_m2 {
-                // The last pairs of very many are left out.
-                let _ = pairs.push((squared, c as u8, t as u8));
+                let pair = (squared, c as u8, t as u8);
+                let Err(pair) = pairs.push(pair) else { continue };
+                // Of very many the widest are left out.
+                if let Some(widest) = pairs.iter_mut().max_by(|(a, ..), (b, ..)| a.total_cmp(b))
+                    && squared < widest.0
+                {
+                    *widest = pair;
+                }
             }
         }
     }

@@ -251,7 +251,49 @@ fn who_is_at_the_first_edge_of_the_view_was_seen_in_this_turn() {
     scan::fit_into(&mut look, &scan, &Pose::default(), horizontal(1.0, 0.0)).unwrap();
     for hits in [&look.points_m[..], &[horizontal(2.0, -2.0)]] {
         let mut clusters = Vec::new();
-        cluster::find(&mut clusters, &scan, 0.05, &Pose::default(), hits);
+        let pose = &Pose::default();
+        cluster::find(&mut clusters, &cluster::View { scan: &scan, late_s: 0.05, pose, hits, before: None });
         assert!((0.05..=0.101).contains(&clusters[0].ago_s), "{clusters:?}");
     }
+}
+
+#[test]
+fn who_is_near_is_followed_however_much_stands_around_and_in_whichever_direction() {
+    // A ring of more thin pillars than clusters, and somebody inside who is seen last, by the last rays.
+    let ring = (0..44).map(|post| (Horizontal::from_bearing(wrap_pi(0.142_8 * post as f32)).times(4.5), 0.05));
+    let mut watch = Watch::with_rays(360.0, 360);
+    for look in 0..20 {
+        let person = horizontal(-2.0, 2.0 - 0.1 * look as f32);
+        let world: StdVec<_> = ring.clone().chain([(person, RADIUS_M)]).collect();
+        watch.look(&Pose::default(), &world);
+        let moving = watch.moving();
+        assert!(
+            look < 5 || moving.len() == 1 && moving[0].center_ned_m.minus(person).norm() < 0.1,
+            "{look}: {moving:?}"
+        );
+    }
+}
+
+#[test]
+fn each_of_a_thicket_belongs_to_its_own_track() {
+    let (mut tracks, mut clusters) = (Vec::<Track, TRACKS_MAX>::new(), Vec::<Cluster, CLUSTERS_MAX>::new());
+    for post in 0..30_u8 {
+        let center_ned_m = horizontal(3.0 + 0.35 * f32::from(post / 6), 0.35 * f32::from(post % 6));
+        let mut track = Track {
+            center_ned_m,
+            velocity_ned_mps: Horizontal::default(),
+            covariance: [4e-4, 0.0, SIGMA_MPS * SIGMA_MPS],
+            unseen_s: 0.0,
+            clear_s: 0.0,
+            through_s: 0.0,
+            scans: 1,
+            moves: false,
+        };
+        track.predict(0.1);
+        tracks.push(track).unwrap();
+        let seen = Cluster { center_ned_m, range_m: 3.0, sigma_m: 0.02, ago_s: 0.0, was_free: false, track: None };
+        clusters.push(seen).unwrap();
+    }
+    associate(&tracks, &mut clusters);
+    assert!(clusters.iter().enumerate().all(|(post, seen)| seen.track == Some(post as u8)), "{clusters:?}");
 }
