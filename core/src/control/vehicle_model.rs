@@ -22,7 +22,7 @@ const PENDING_MAX: usize = 56;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// Dead time from a setpoint to the first motion.
+    /// Dead time from a setpoint to the first motion; one step at least is counted.
     pub dead_time_s: f32,
     /// Time constant of the velocity after that.
     pub lag_s: f32,
@@ -48,8 +48,9 @@ impl Config {
     pub fn build(&self, tick_s: f32) -> Result<VehicleModel, ConfigError> {
         check("vehicle_model.dead_time_s", self.dead_time_s, 0.0, tick_s * PENDING_MAX as f32)?;
         check("vehicle_model.lag_s", self.lag_s, 0.0, 5.0)?;
-        let steps = libm::roundf(self.dead_time_s / tick_s) as usize;
-        Ok(VehicleModel { lag_s: self.lag_s, pending: steps.min(PENDING_MAX), tick_s })
+        // A command takes effect after the step that gives it.
+        let steps = (libm::roundf(self.dead_time_s / tick_s) as usize).clamp(1, PENDING_MAX);
+        Ok(VehicleModel { lag_s: self.lag_s, pending: steps, tick_s })
     }
 }
 
@@ -93,9 +94,6 @@ impl VehicleModel {
 
     /// Records the command of this step.
     pub fn command(&self, state: &mut State, velocity_ned_mps: Horizontal) {
-        if self.pending == 0 {
-            return;
-        }
         while state.commands.len() >= self.pending {
             state.commands.pop_front();
         }

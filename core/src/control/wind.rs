@@ -261,7 +261,8 @@ mod tests {
 
     #[test]
     fn in_calm_air_the_margin_is_exactly_zero_whatever_is_flown() {
-        for response in [ARDUCOPTER, PX4] {
+        let prompt = Response(13.0, 1.0, vehicle_model::Config { dead_time_s: 0.0, lag_s: 0.15 });
+        for response in [ARDUCOPTER, PX4, prompt] {
             let margins = margins(&response, 300.0, |_| Horizontal::default());
             assert!(margins.into_iter().all(|margin_m| margin_m == 0.0));
         }
