@@ -119,10 +119,15 @@ impl Guard {
                     continue;
                 }
                 let cover = self.surveyor.cover(coverage, place);
-                // An unseen obstacle there would lie inside a known one, except for the margin around it.
+                // An unseen obstacle there would lie inside a known one, except for the margin around it, or what is
+                // left of that.
                 let is_known = |obstacle: &Neighbour| {
-                    let limit_m = obstacle.reach_m - reach_m + self.config.margin_m;
-                    limit_m > 0.0 && obstacle.center_ned_m.minus(place).norm_squared() < limit_m * limit_m
+                    let squared = obstacle.center_ned_m.minus(place).norm_squared();
+                    let is_within = |apart_m: f32| {
+                        let limit_m = obstacle.reach_m - reach_m + apart_m;
+                        limit_m > 0.0 && squared < limit_m * limit_m
+                    };
+                    is_within(self.config.margin_m) && is_within(obstacle.clearance_m(input.rest_ned_m))
                 };
                 if cover == Cover::Seen || near.iter().any(is_known) {
                     continue;
@@ -147,5 +152,51 @@ impl Guard {
             }
         }
         covered
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::config::{RangeSensor, Vehicle};
+    use crate::base::pose::Pose;
+    use crate::base::time::Instant;
+    use crate::control::guard::{Config, Demand, State};
+    use crate::mapping::scan::{SECTORS_MAX, Scan, Sector};
+
+    const DT_S: f32 = 0.02;
+
+    /// A scan of the default sensor that sees nothing.
+    fn clear_scan() -> Scan {
+        let fov_rad = RangeSensor::DEFAULT.fov_rad;
+        let step_rad = fov_rad / SECTORS_MAX as f32;
+        Scan {
+            time: Instant(0),
+            turn_s: 0.0,
+            first_azimuth_rad: 0.5 * (step_rad - fov_rad),
+            step_rad,
+            range_max_m: 3.0,
+            rays: [Sector::Clear; SECTORS_MAX].into_iter().collect(),
+        }
+    }
+
+    #[test]
+    fn beside_something_known_it_does_not_fly_backwards_unseen_however_large_the_margin() {
+        for margin_m in [0.03, 0.3, 1.0, 2.0, 5.0] {
+            let guard =
+                Config { margin_m, ..Config::default() }.build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap();
+            let mut state = State::default();
+            guard.note_scan(&mut state, &clear_scan(), &Pose::default());
+            let pillar =
+                Neighbour { center_ned_m: Horizontal { north: 0.9, east: 0.0 }, reach_m: 0.3, ..Neighbour::default() };
+            let mut at = Horizontal::default();
+            let backwards = Demand { velocity_ned_mps: Horizontal { north: -1.0, east: 0.0 }, ..Demand::default() };
+            for _ in 0..300 {
+                let input = GuardInput { position_ned_m: at, rest_ned_m: at, ..GuardInput::default() };
+                let out = guard.step(&mut state, &backwards, &input, &[pillar], DT_S);
+                at = at.plus(out.setpoint.velocity_ned_mps.horizontal().times(DT_S));
+            }
+            assert!(at.north > -0.05, "{margin_m}: {at:?}");
+        }
     }
 }
