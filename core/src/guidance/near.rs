@@ -15,7 +15,7 @@ use crate::planning::rollout::swept_clearance_m;
 
 /// Obstacles farther than this from the vehicle's boundary are ignored by the fast loop, unless it needs more to stop.
 pub(super) const NEAR_M: f32 = 4.0;
-/// Distance classes: this many rings around the vehicle up to there, and one for everything farther.
+/// Distance classes: this many rings around the vehicle up to there, the nearest the finest, and one for everything farther.
 pub(super) const FAR: u8 = 64;
 
 /// The additional distance from a tracked body, in standard deviations of its position.
@@ -30,7 +30,8 @@ pub(super) fn gather(
     place: Horizontal,
     near: &mut Vec<Neighbour, OBSTACLES_MAX>,
 ) {
-    let rings_per_m = f32::from(FAR) / near_m;
+    // The square root of the distance, so that however far it takes to stop what is near is told apart.
+    let rings_per_root_m = f32::from(FAR) * inverse_root(near_m);
     let mut rings = [FAR; CIRCLES_MAX];
     let mut counts = [0_u8; FAR as usize];
     for (circle, ring) in map.circles().zip(&mut rings) {
@@ -38,9 +39,9 @@ pub(super) fn gather(
         let limit = reach_m + near_m;
         let squared = circle.center_ned_m.minus(place).norm_squared();
         if squared < limit * limit {
-            // Negative, and so the first, if it is too close.
+            // The first, if it is too close: the root is not a number then.
             let clearance_m = squared * inverse_root(squared) - reach_m;
-            *ring = ((clearance_m * rings_per_m) as u8).min(FAR - 1);
+            *ring = ((sqrt(clearance_m) * rings_per_root_m) as u8).min(FAR - 1);
             if let Some(count) = counts.get_mut(usize::from(*ring)) {
                 *count += 1;
             }
@@ -110,4 +111,36 @@ pub(super) fn stands_in_the_way(
         let least = if at_rest < margin_m { at_rest } else { margin_m };
         swept_clearance_m(rest_ned_m, next_ned_m, &[obstacle.standing()]) < least
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::config::{RangeSensor, Vehicle};
+    use crate::base::time::Instant;
+    use crate::control::guard;
+
+    #[test]
+    fn the_nearest_are_listed_however_far_it_takes_to_stop() {
+        for (v_max_mps, a_max_mps2) in [(1.0, 2.0), (2.0, 0.1), (10.0, 0.5), (20.0, 2.0)] {
+            let config = guard::Config { v_max_mps, a_max_mps2, ..guard::Config::default() };
+            let guard = config.build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap();
+            let stop_m = guard.stop_m(0.53);
+            let near_m = if stop_m > NEAR_M { stop_m } else { NEAR_M };
+            let post = |turn: f32, away_m: f32| Circle {
+                center_ned_m: Horizontal::from_bearing(turn).times(away_m),
+                radius_m: 0.05,
+                ..Circle::default()
+            };
+            // More than the list holds, and then one that is much nearer.
+            let ring: Vec<Circle, OBSTACLES_MAX> = (0..OBSTACLES_MAX).map(|at| post(0.098 * at as f32, 1.2)).collect();
+            let mut map = Map::default();
+            map.observe_circles(Instant(1_000), Horizontal::default(), &ring).unwrap();
+            map.observe_circles(Instant(21_000), Horizontal::default(), &[post(0.0, 0.3)]).unwrap();
+            let mut near = Vec::new();
+            gather(&guard, near_m, &map, Horizontal::default(), &mut near);
+            let least_m = near.iter().map(|one| one.clearance_m(Horizontal::default())).fold(f32::INFINITY, f32::min);
+            assert!(near.is_full() && least_m < 0.11, "{v_max_mps} {a_max_mps2}: {least_m}");
+        }
+    }
 }
