@@ -84,6 +84,9 @@ pub(super) struct Memory {
     /// The path found in the wide window.
     path: Vec<Horizontal, ROUTE_MAX>,
     progress: Progress,
+    /// The place that is searched, and the replans that had been spent on the source before.
+    sought_ned_m: Option<Horizontal>,
+    spent_on_source: u16,
 }
 
 /// Whether the vehicle comes nearer to the source. All bits are zero at first, so that it takes no flash.
@@ -124,7 +127,7 @@ impl Progress {
     /// Updates the counters for one replan.
     fn step(&mut self, start: Horizontal, source: Horizontal) {
         if !self.has_begun {
-            *self = Self::new(start, 0);
+            *self = Self { bends: self.bends, ..Self::new(start, self.spent) };
         }
         self.spent = self.spent.saturating_add(1);
         self.since = self.since.saturating_add(1);
@@ -146,7 +149,28 @@ impl Progress {
 
 impl Memory {
     pub(super) const fn new() -> Self {
-        Self { window: Window::new(), path: Vec::new(), progress: Progress::NONE }
+        Self {
+            window: Window::new(),
+            path: Vec::new(),
+            progress: Progress::NONE,
+            sought_ned_m: None,
+            spent_on_source: 0,
+        }
+    }
+
+    /// Forgets the way to the last place where this is another: the next one of a search, or the source after it, for which
+    /// what was spent before counts on.
+    fn turn_to(&mut self, sought_ned_m: Option<Horizontal>) {
+        if sought_ned_m == self.sought_ned_m {
+            return;
+        }
+        if self.sought_ned_m.is_none() {
+            self.spent_on_source = self.progress.spent;
+        }
+        let spent = if sought_ned_m.is_none() { self.spent_on_source } else { 0 };
+        self.progress = Progress { spent, bends: self.progress.bends, ..Progress::NONE };
+        self.path.clear();
+        self.sought_ned_m = sought_ned_m;
     }
 }
 
@@ -171,7 +195,8 @@ pub(super) fn plan(
     let source = locate(request, known);
     let toward = fence.nearest_inside(source.map_or(request.target_ned_m, |source| source.place_ned_m), start);
 
-    let Memory { window, path, progress } = &mut workspace.memory;
+    workspace.memory.turn_to(request.search.as_ref().and(known));
+    let Memory { window, path, progress, .. } = &mut workspace.memory;
     if request.begins {
         *progress = Progress::NONE;
         path.clear();

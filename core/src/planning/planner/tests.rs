@@ -224,3 +224,18 @@ fn no_path_leads_out_of_the_fence() {
     let beyond = followed(&fence, at(0.0, 1.0), at(9.0, 0.0), &[]);
     assert!(beyond[60].minus(at(3.5, 0.0)).norm() < 0.3, "{beyond:?}");
 }
+
+#[test]
+fn after_a_search_that_was_held_up_there_is_a_plan_to_the_source_again() {
+    let explore = Some(explore::Config { limit_s: 600.0, ..explore::Config::default() });
+    let planner = Config { explore, ..Config::default() }
+        .build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT)
+        .unwrap();
+    let mut workspace = Workspace::default();
+    for id in 0..200 {
+        let search = Some(Search { now: Instant(1_000_000 + 700_000 * u64::from(id)), pose: Pose::default() });
+        planner.plan(&mut workspace, &PlanRequest { id, begins: id == 0, search, ..request() }, &[]);
+    }
+    let plan = planner.plan(&mut workspace, &PlanRequest { id: 200, ..request() }, &[]);
+    assert_eq!(plan.verdict, Verdict::Follow);
+}
