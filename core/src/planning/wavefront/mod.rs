@@ -218,8 +218,8 @@ impl Window {
         let Some(center) = self.cell_at(place_ned_m) else { return true };
         // The entries of the march, as a stack.
         let (mut height, mut open) = (0, false);
-        for (offset, _) in NEIGHBOURS.into_iter().chain([(0, 0)]) {
-            height = self.stack(center.wrapping_add_signed(offset), height);
+        for (row, column, _) in NEIGHBOURS.into_iter().chain([(0, 0, 0)]) {
+            height = self.stack(center.wrapping_add_signed(row + column), height);
         }
         while let Some(top) = height.checked_sub(1) {
             height = top;
@@ -282,10 +282,12 @@ impl Window {
             }
             // A diagonal step is longer by the root of two: 5 : 7.
             let mut steepest = (0_u32, None);
-            for (offset, weight) in NEIGHBOURS {
-                let there = here.wrapping_add_signed(offset);
+            for (row, column, weight) in NEIGHBOURS {
+                let arrival = |offset: isize| self.arrival(here.wrapping_add_signed(offset));
+                let there = here.wrapping_add_signed(row + column);
                 let drop = u32::from(its_arrival.saturating_sub(self.arrival(there))) * weight;
-                if drop > steepest.0 {
+                // Not between two cells that are closed: the wave does not pass there either.
+                if drop > steepest.0 && (arrival(row) < FAR || arrival(column) < FAR) {
                     steepest = (drop, Some(there));
                 }
             }
@@ -369,8 +371,9 @@ impl Queue {
 }
 
 const ROW: isize = SIDE as isize;
-const NEIGHBOURS: [(isize, u32); 8] =
-    [(-ROW, 7), (ROW, 7), (-1, 7), (1, 7), (-ROW - 1, 5), (-ROW + 1, 5), (ROW - 1, 5), (ROW + 1, 5)];
+/// The way to each cell around one, by rows and by columns, and the weight of a step there.
+const NEIGHBOURS: [(isize, isize, u32); 8] =
+    [(-ROW, 0, 7), (ROW, 0, 7), (0, -1, 7), (0, 1, 7), (-ROW, -1, 5), (-ROW, 1, 5), (ROW, -1, 5), (ROW, 1, 5)];
 
 /// Fills a window around `start_ned_m` with distances. `scale` enlarges the cells, to cover a wider area. An
 /// obstacle that contains the start is shrunk to end just short of it. What lies outside of the fence is closed.
@@ -484,10 +487,11 @@ fn bridge(window: &mut Window, from_ned_m: Horizontal, along: Horizontal) {
 fn spread(window: &mut Window) {
     window.queue.clear();
     let Some(origin) = window.cell_at(window.start_ned_m) else { return };
-    for (offset, _) in NEIGHBOURS.into_iter().chain([(0, 0)]) {
-        let cell = origin.wrapping_add_signed(offset);
+    for (row, column, _) in NEIGHBOURS.into_iter().chain([(0, 0, 0)]) {
+        let cell = origin.wrapping_add_signed(row + column);
+        let is_open = |offset: isize| window.arrival(origin.wrapping_add_signed(offset)) != CLOSED;
         // The start is always reached, even in a closed cell.
-        if cell == origin || window.arrival(cell) != CLOSED {
+        if cell == origin || is_open(row + column) && (is_open(row) || is_open(column)) {
             let distance = window.place_of(cell).minus(window.start_ned_m).norm() / window.cell_m;
             window.reach(cell, (distance * f32::from(UNIT)) as u16);
         }

@@ -122,3 +122,29 @@ fn what_lies_outside_of_the_fence_is_closed_and_nothing_else() {
         }
     }
 }
+
+#[test]
+fn no_route_leads_through_a_gap_that_is_too_narrow() {
+    let mut rng = Rng::new(3, 3);
+    for case in 0..400 {
+        // A row of pillars that leave no gap or next to none, and a place in the mouth of a gap on the other side.
+        let along = Horizontal::from_bearing(core::f32::consts::TAU * rng.uniform() - core::f32::consts::PI);
+        let across = Horizontal { north: -along.east, east: along.north };
+        let reach_m = 0.2 + 0.15 * rng.uniform();
+        let pitch_m = 2.0 * reach_m - 0.06 + 0.09 * rng.uniform();
+        let middle = Horizontal { north: rng.uniform(), east: rng.uniform() };
+        let half = (2.4 / pitch_m) as i32;
+        let post = |number: i32| middle.plus(along.times((number as f32 + 0.5) * pitch_m));
+        let row: StdVec<_> =
+            (-half..=half).map(|number| pillar(post(number).north, post(number).east, reach_m)).collect();
+        let gap = (half as f32 * (rng.uniform() - 0.5)) as i32;
+        let aim = middle.plus(along.times(gap as f32 * pitch_m)).plus(across.times(0.06 + 0.25 * rng.uniform()));
+        let route = march(middle.minus(across.times(0.9)), &row).route(aim);
+        for step in route.windows(2) {
+            let [before_m, after_m] = [step[0], step[1]].map(|place| place.minus(middle).dot(across));
+            let passes = before_m < 0.0 && after_m >= 0.0;
+            let is_inside = step[1].minus(middle).dot(along).abs() < (half as f32 - 0.5) * pitch_m;
+            assert!(!(passes && is_inside), "{case}: {step:?}");
+        }
+    }
+}
