@@ -14,7 +14,7 @@
 //! Priorities, most urgent first: DMA and time (embassy's), guidance, link; the planner is the thread.
 //!
 //! The independent watchdog is started before any wait, runs on its own oscillator and stops while a debugger holds
-//! the core. The brown-out reset monitors the supply; its level is in the option bytes (`docs/hardware.md`).
+//! the core. The brown-out reset monitors the supply; its level is in the option bytes, which the firmware leaves alone.
 
 #![expect(unsafe_code, reason = "registers, interrupt handlers and the memory that DMA writes")]
 
