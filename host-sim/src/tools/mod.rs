@@ -1,4 +1,4 @@
-//! Tools for recorded frames, without a flight: bearings from them, and a calibration.
+//! Tools for recorded frames and live radios: bearings from them, and a calibration.
 //!
 //! | module | what it does |
 //! |---|---|
