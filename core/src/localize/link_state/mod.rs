@@ -16,8 +16,7 @@
 //! Limit: a single strong mirror image without other waves cannot be distinguished from the beacon, unless the map
 //! contains the wall.
 //!
-//! Instructions on a Cortex-M4F: 4 850 for an observation that is kept, 1 030 of them the network; 130 for one that is
-//! skipped.
+//! Cost of an observation that is kept: bench row `link_state_step`.
 
 use crate::base::ned::Horizontal;
 use crate::doa::bearing::Bearing;

@@ -20,16 +20,8 @@
 //! again, but lines more than three bins away are suppressed to `sin pi d / (pi d (d^2 - 1))` of their amplitude,
 //! which [`Phasors::noise`] then includes. Every frame is then acquired anew.
 //!
-//! Instructions on a Cortex-M4F, four channels, N = 256 (1024), counted in QEMU:
-//!
-//! | | fixed point | `microfft` |
-//! |---|---|---|
-//! | periodogram | 25 800 (120 800) | 59 800 (288 100) |
-//! | products with a given reference | 1 610 (5 930) | |
-//! | a new reference | 4 660 (14 400) | |
-//! | frame, tracked | 6 600 (21 600) | 6 600 (21 600) |
-//! | frame, floor renewed | 58 000 (240 000) | 93 000 (400 000) |
-//! | frame, first | 67 000 (274 000) | 104 000 (444 000) |
+//! Cost of four channels, N = 256: bench rows `phasors` (products with a known reference), `spectrum` (periodogram),
+//! `phase_tracking`, `phase_renewing` (with the floor), `phase_first`; other libraries stand beside the first two.
 
 use crate::base::adc::{AdcFrame, CHANNELS};
 use crate::base::error::{ConfigError, Why, check};
