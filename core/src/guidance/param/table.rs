@@ -154,7 +154,7 @@ pub const TABLE: &[Param] = &[
     real("FH_SP_AGE", "s", 0.25, [0.05, 1.0], Link,
         "A setpoint older than this is replaced by zero velocity."),
     real("FH_HB_TMO", "s", 2.5, [1.5, 10.0], Link,
-        "Without a heartbeat of the autopilot for this long, the link is lost and it holds."),
+        "Without a heartbeat of the autopilot for this long, the link is quiet and it holds."),
     real("FH_SILENT", "s", 5.0, [1.5, 30.0], Link,
         "Without a heartbeat of the autopilot for this long, no setpoints are sent; at least FH_HB_TMO."),
     switch("FH_PRESTREAM", 1.0, Link,
