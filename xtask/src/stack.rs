@@ -16,7 +16,7 @@ use crate::thumb::Program;
 
 /// Registers with those of the floating point unit, and the word that keeps them aligned (`PushStack`, Armv7-M B1.5.6).
 const EXCEPTION_BYTES: u32 = 26 * 4 + 4;
-/// What the design allows for variables and stack.
+/// The most that variables and stack may take.
 const RAM_MAX_BYTES: u64 = 112 * 1024;
 /// How many of the largest frames on a path are printed.
 const PRINTED: usize = 6;

@@ -24,8 +24,8 @@ use static_cell::{ConstStaticCell, StaticCell};
 use crate::looks::{NOSE, TURN, ranges};
 use crate::{N, receive, row};
 
-/// The ceilings of design, section 6: of the median step of a mission, and of the worst that can be made, 950 000 of
-/// the 3 400 000 cycles of a step.
+/// The ceilings: of the median step of a mission, and of the worst that can be made, 950 000 of the 3 400 000 cycles of a
+/// step.
 const CEILING: u32 = 45_000;
 const CEILING_WORST: u32 = 950_000;
 /// With everything at once and a scan all round it is above that; this ceiling keeps it where it is.

@@ -5,7 +5,7 @@
 //! around a closure that does nothing. On the semihosting output, a line each:
 //!
 //! ```text
-//! count ROW INSTRUCTIONS CEILING      ours; 0 where design, section 6, has no ceiling
+//! count ROW INSTRUCTIONS CEILING      ours; 0 where there is no ceiling
 //! peer ROW CRATE INSTRUCTIONS         a crate doing the same work on the same codes
 //! error ROW MICRODEGREES CEILING      rms of what a row computes
 //! equal WORDS                         the target's kernels agree with the portable ones on so many words

@@ -56,7 +56,7 @@ pub(super) fn rollouts(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
                 Twin::halt(format_args!("the naive rollouts lead to another choice"));
             }
         }
-        // The paper's gains reach farther: more is in range. Above the design's 100 000 since the image is compiled for size.
+        // The paper's gains reach farther: more is in range. Above the 100 000 of ours since the image is compiled for size.
         row(row_name, worst, if kind == Kind::Paper { 105_000 } else { 100_000 });
         row(naive_name, naive_worst, 0);
     }
