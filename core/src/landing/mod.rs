@@ -1,9 +1,9 @@
 //! The last metres: whether this is the beacon, where the pad is, and the descent onto it. A layer of its own, which
 //! may import `base`, `doa` and `localize`.
 //!
-//! The planner brings the vehicle near the beacon. the belief's filter near the source fixes it
-//! ([`near`]) and [`arrival`] decides when it is there, or that this is ambiguous;
-//! [`search`] searches within limits; [`centring`] flies to above the pad and down. The pad is detected by a separate
+//! The planner brings the vehicle near the beacon. A filter of the belief estimates where the beacon is ([`near`]), and
+//! [`arrival`] decides when the vehicle is above it, or that this cannot be told; [`search`] searches within limits;
+//! [`centring`] flies to above the pad and down. The pad is detected by a separate
 //! crate (`foxhound-pad`). [`Lander::step`] is called in every step of the fast loop; as long as it has no demand the
 //! planner is followed, and the guard checks every demand. Without a camera the vehicle stays above the beacon and
 //! hands over; the user decides whether the autopilot lands it there ([`Config::request_land`]).

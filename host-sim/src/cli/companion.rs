@@ -57,7 +57,7 @@ With --bearings a radio that runs is flown by, and nothing of the beacon is simu
                         {\"azimuth_deg\": 12.5, \"sigma_deg\": 5, \"age_s\": 0.1}
 The azimuth is from the antennas' zero, clockwise. A radio that stops makes the flight hold.
 
-Who it is stands in \"obstacles\" of the report, and the pilot is told. \"collisions\" is null where nobody can know.
+\"obstacles\" of the result names the provider, and so does a text to the pilot. \"collisions\" is null where only the autopilot could know.
 
 Exit status: 0 reached; 1 flown, but not reached; 2 bad usage or input, or a file that could not be written; 130 ended by \
 Ctrl-C, 143 by SIGTERM.";
