@@ -144,12 +144,13 @@ fn on_the_ground_the_autopilot_is_asked_to_disarm_only_where_the_user_wants_it()
 #[test]
 fn without_a_camera_it_lands_where_there_is_room_and_hovers_where_there_is_none() {
     let world = r#"{"start":[0,0],"goal":[4.743,-0.109],"goal_tolerance":1.5,"bearing":{"snr_db":20},"sensor":{"model":"scan"},
-        "vehicle":{"model":"arducopter"},"max_time_s":120,"landing":{"request_land":true,"camera":null},"obstacles":POLES}"#;
-    for (poles, stage_reason, height_m) in [
-        ("[]", "arrived", 0.0..0.01),
-        (r#"[{"x":4.56,"y":-0.159,"r":0.106},{"x":4.525,"y":-0.001,"r":0.247}]"#, "blocked", 2.0..4.0),
+        "vehicle":{"model":"MODEL"},"max_time_s":120,"landing":{"request_land":true,"camera":null},"obstacles":POLES}"#;
+    for (model, poles, stage_reason, height_m) in [
+        ("point", "[]", "arrived", 0.0..0.001),
+        ("arducopter", "[]", "arrived", 0.0..0.001),
+        ("arducopter", r#"[{"x":4.56,"y":-0.159,"r":0.106},{"x":4.525,"y":-0.001,"r":0.247}]"#, "blocked", 2.0..4.0),
     ] {
-        let scenario = Scenario::parse(&world.replace("POLES", poles)).unwrap();
+        let scenario = Scenario::parse(&world.replace("MODEL", model).replace("POLES", poles)).unwrap();
         let (planner, estimator) = (planner::Config::default(), Estimator::CrossSpectrum);
         let mission = Mission { scenario, seed: 1_000_000, planner, estimator };
         let report = fly(&mission, &mut HostComputer::new(&mission.guidance()).unwrap()).report;

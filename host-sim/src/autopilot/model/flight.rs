@@ -237,6 +237,10 @@ impl Autopilot {
     pub fn command(&self, now_us: u64) -> Command {
         let mut command = self.command_in_the_air(now_us).unwrap_or(Command { is_brake: true, ..Command::default() });
         let height_m = self.flight.height_m();
+        if !self.armed && (0.0..GROUND_M).contains(&height_m) {
+            // With its motors off it falls the last bit.
+            return Command { velocity_ned_mps: [0.0, 0.0, TOUCH_SPEED_MPS], ..Command::default() };
+        }
         if height_m < LIFTED_M && (self.flight.landed || self.is_going_down()) {
             // The ground is hard: a vehicle that lags would sink into it. A companion's request is not slowed before.
             let slowed_mps = TOUCH_RATE * height_m + TOUCH_SPEED_MPS;
