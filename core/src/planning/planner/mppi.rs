@@ -226,6 +226,7 @@ pub(super) fn plan(
         && progress.bends < BENDS_MAX
         && !workspace.obstacles.iter().any(near)
         && let Some(bent) = bend(request, learn, &workspace.obstacles)
+        && bent.iter().all(|place| place.minus(fence.center_ned_m).norm() <= fence.reach_m(start))
     {
         progress.bends += 1;
         let target = bent[WAYPOINTS - 1];

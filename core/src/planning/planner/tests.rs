@@ -239,3 +239,22 @@ fn after_a_search_that_was_held_up_there_is_a_plan_to_the_source_again() {
     let plan = planner.plan(&mut workspace, &PlanRequest { id: 200, ..request() }, &[]);
     assert_eq!(plan.verdict, Verdict::Follow);
 }
+
+#[test]
+fn no_bent_path_leads_out_of_the_fence_either() {
+    let fence = Fence { radius_m: 5.0, ..Fence::DEFAULT };
+    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &fence).unwrap();
+    let start = Horizontal { north: 4.4, east: 0.0 };
+    let learn =
+        Learn { source_ned_m: Horizontal { north: 14.0, east: 0.0 }, covariance_m2: [10.0, 0.0, 1.0], sigma_rad: 0.05 };
+    let request = PlanRequest {
+        begins: true,
+        start_ned_m: start,
+        position_ned_m: start,
+        target_ned_m: Horizontal { north: 6.4, east: 0.0 },
+        learn: Some(learn),
+        ..request()
+    };
+    let plan = planner.plan(&mut Workspace::default(), &request, &[]);
+    assert!(plan.waypoints_ned_m.iter().all(|place| place.norm() < 4.6), "{plan:?}");
+}
