@@ -130,8 +130,18 @@ impl Proposals<'_> {
         // Up to twice as thick as a wall may be: outliers may still be removed.
         let thickest = 2.0 * THICKNESS_MAX;
         if moments.count > 1.5 && spread.across_m2 <= thickest * thickest * spread.along_m2 {
-            let _ = self.lines.push(spread.line_through(moments.mean_ned_m));
+            push_longest(self.lines, spread.line_through(moments.mean_ned_m), length_m);
         }
+    }
+}
+
+/// Appends an item; to a full list in place of the shortest, if it is longer.
+fn push_longest<T>(list: &mut Vec<T, PROPOSED_MAX>, item: T, length_m: impl Fn(&T) -> f32) {
+    let Err(item) = list.push(item) else { return };
+    if let Some(shortest) = list.iter_mut().min_by(|a, b| length_m(a).total_cmp(&length_m(b)))
+        && length_m(shortest) < length_m(&item)
+    {
+        *shortest = item;
     }
 }
 
@@ -257,7 +267,7 @@ impl Extractor {
             let piece = order.get(from..to).unwrap_or_default().iter();
             let places = piece.filter_map(|index| points.get(usize::from(*index)).copied());
             if let Some(fit) = fit::fit(places).filter(|fit| self.is_wall(fit) || (!is_last && may_be_wall(fit))) {
-                let _ = found.push(fit);
+                push_longest(found, fit, |fit| length_m(&fit.line));
             }
             from = to;
         }

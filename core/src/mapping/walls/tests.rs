@@ -37,3 +37,13 @@ fn a_configuration_that_contradicts_itself_is_refused() {
 fn the_workspace_is_small() {
     assert!(core::mem::size_of::<Workspace>() <= 12 * POINTS_MAX, "{}", core::mem::size_of::<Workspace>());
 }
+
+#[test]
+fn a_long_wall_is_found_beside_many_short_rows() {
+    for rows in [0, 15, 16, 30] {
+        let short = (0..rows).flat_map(|row| (0..3).map(move |post| at(-10.0, 4.0 * row as f32 + 0.5 * post as f32)));
+        let points: std::vec::Vec<_> = short.chain((0..30).map(|post| at(20.0 + 0.5 * post as f32, 0.0))).collect();
+        let found = Config::default().build().unwrap().find(&mut Workspace::default(), &points);
+        assert!(matches!(&found[..], [wall] if wall.to_m - wall.from_m > 14.0), "{rows}: {found:?}");
+    }
+}
