@@ -74,6 +74,7 @@ fn bad_values_are_refused_by_the_names_of_parameters() {
         ("FH_SRCH_TIME = 0.5", &["FH_SRCH_TIME = 0.5 is outside 1..=3600"]),
         ("FH_SRCH_TIME = 9\nFH_RADIUS = 3", &["FH_RADIUS + FH_MARGIN = 3.05 is outside 0..=2", "FH_RADIUS = 3"]),
         ("FH_OBS_RANGE = 0.4", &["FH_OBS_RANGE = 0.4", "(FH_RADIUS = 0.15)", "0.35 m farther than the hull"]),
+        ("FH_RADIUS = 1.5\nFH_OBS_RANGE = 6", &["FH_RADIUS = 1.5", "FH_OBS_MIN", "FH_OBS_FOV = 90", "155 degrees"]),
         ("FH_SPD_MAX = 0.06", &["FH_SPD_MAX = 0.06", "FH_STALL_T = 20", "FH_STALL_R = 1"]),
         ("FH_HB_TMO = 9", &["FH_SILENT = 5", "(FH_HB_TMO = 9)"]),
     ] {

@@ -252,7 +252,14 @@ fn every_strange_scenario_is_refused_by_field_value_and_range_or_flown_to_a_name
         (r#"{"limits": {"v_max": 0.05}}"#.into(), Refused(&["limits.v_max = 0.05 is outside 0.1..=20"])),
         (r#"{"limits": {"v_max": 0.1, "a_max": 0.1}, "max_time_s": 8}"#.into(), Ends("timeout", "nominal")),
         (r#"{"drone_radius": 5}"#.into(), Refused(&["sensor.range_m = 3", "0.35 m farther than the hull"])),
-        (r#"{"drone_radius": 5, "sensor": {"range_m": 6}, "max_time_s": 8}"#.into(), Ends("timeout", "nominal")),
+        (
+            r#"{"drone_radius": 5, "sensor": {"range_m": 6}}"#.into(),
+            Refused(&["drone_radius = 5", "sensor.fov_deg = 90", "155 degrees"]),
+        ),
+        (
+            r#"{"drone_radius": 5, "sensor": {"range_m": 6, "fov_deg": 360}, "max_time_s": 8}"#.into(),
+            Ends("timeout", "nominal"),
+        ),
         (r#"{"sensor": {"fov_deg": 360, "range_m": 100}}"#.into(), Ends("reached", "")),
         (r#"{"bearing": {"sigma_deg": 0}}"#.into(), Ends("reached", "")),
         (r#"{"bearing": {"sigma_deg": 180}, "max_time_s": 8}"#.into(), Ends("timeout", "nominal")),

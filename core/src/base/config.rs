@@ -70,6 +70,21 @@ impl RangeSensor {
         let why = Why::Inconsistent("the obstacle sensor must see 0.35 m farther than the hull");
         Err(ConfigError { field: "sensor.range_m", value: self.range_m, why })
     }
+
+    /// Checks that the guard can know of what stands beside a hull, with room for the smallest obstacle: what was seen to the side
+    /// is remembered up to 1.5 m.
+    ///
+    /// # Errors
+    /// The hull, if it is too wide for this view.
+    pub fn check_beside(&self, hull_m: f32, smallest_obstacle_m: f32) -> Result<(), ConfigError> {
+        if self.fov_rad >= ALL_AHEAD_RAD || hull_m + smallest_obstacle_m <= BESIDE_M {
+            return Ok(());
+        }
+        let why = Why::Inconsistent(
+            "with the smallest obstacle more than 1.35 m, which takes a sensor of a view of at least 155 degrees",
+        );
+        Err(ConfigError { field: "vehicle.radius_m", value: hull_m, why })
+    }
 }
 
 impl Default for RangeSensor {
@@ -77,6 +92,11 @@ impl Default for RangeSensor {
         Self::DEFAULT
     }
 }
+
+/// A view that covers a hull's front whichever way it flies with its nose ahead.
+const ALL_AHEAD_RAD: f32 = 2.7;
+/// The farthest that the front of a hull may be from its middle where the view is narrower.
+const BESIDE_M: f32 = 1.35;
 
 /// The geofence: a circle that the vehicle does not leave.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -128,6 +128,7 @@ impl Config {
         let vehicle_model = self.vehicle_model.build(self.tick_s)?;
         let guard = self.guard.build(&self.vehicle, &self.sensor)?;
         self.sensor.check_beyond(self.vehicle.radius_m)?;
+        self.sensor.check_beside(self.vehicle.radius_m, self.guard.coverage.smallest_obstacle_m)?;
         if self.guard.v_max_mps * self.mission.stall_s < 2.0 * self.mission.stall_radius_m {
             let why =
                 Why::Inconsistent("too slow to move by the stall radius in half of the stall time: it would give up");

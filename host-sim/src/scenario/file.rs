@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use std::sync::LazyLock;
 
 use foxhound_core::base::config::RangeSensor;
+use foxhound_core::mapping::coverage;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -256,8 +257,16 @@ impl Scenario {
         ] {
             check_window(name, window)?;
         }
-        let sight = RangeSensor { range_m: self.sensor.range_m as f32, ..RangeSensor::DEFAULT };
-        sight.check_beyond(self.drone_radius as f32).map_err(|error| InputError::new(error.to_string()))?;
+        let Sensor { range_m, fov_deg, .. } = self.sensor;
+        let sight =
+            RangeSensor { range_m: range_m as f32, fov_rad: fov_deg.to_radians() as f32, ..RangeSensor::DEFAULT };
+        let hull_m = self.drone_radius as f32;
+        sight.check_beyond(hull_m).map_err(|error| InputError::new(error.to_string()))?;
+        let smallest_m = coverage::Config::default().smallest_obstacle_m;
+        sight.check_beside(hull_m, smallest_m).map_err(|error| {
+            let of_the_file = error.to_string().replace("vehicle.radius_m", "drone_radius");
+            InputError::new(format!("{of_the_file} (sensor.fov_deg = {fov_deg})"))
+        })?;
         Ok(self)
     }
 

@@ -30,7 +30,7 @@ const TOGETHER: [(&str, &str, &[&str]); 17] = [
     ("fence.margin_m", "FH_FENCE_MRG", &["FH_FENCE_R"]),
     ("explore.limit_s", "FH_SRCH_TIME", &[]),
     ("vehicle_model.dead_time_s", "FH_DEAD_TIME", &[]),
-    ("vehicle.radius_m", "FH_RADIUS", &[]),
+    ("vehicle.radius_m", "FH_RADIUS", &["FH_OBS_MIN", "FH_OBS_FOV"]),
     ("planner.margin_m", "FH_MARGIN", &[]),
     ("guard.v_max_mps", "FH_SPD_MAX", &["FH_STALL_T", "FH_STALL_R"]),
     ("sensor.range_m", "FH_OBS_RANGE", &["FH_RADIUS"]),
