@@ -142,6 +142,14 @@ impl Fence {
         (self.radius_m > 0.0).then_some((inwards, self.radius_m - norm))
     }
 
+    /// Whether a path that begins at a place does not lead out of it.
+    #[must_use]
+    #[inline(never)]
+    pub fn has_inside(&self, path_ned_m: &[Horizontal], from_ned_m: Horizontal) -> bool {
+        let reach_m = self.reach_m(from_ned_m);
+        path_ned_m.iter().all(|place| place.minus(self.center_ned_m).norm() <= reach_m)
+    }
+
     /// How far from the centre a path may lead that begins at a place: as far as the margin leaves, or, where the place
     /// is farther out, no farther than that. Infinite without a fence.
     #[must_use]

@@ -122,12 +122,11 @@ impl Guard {
                 // An unseen obstacle there would lie inside a known one, except for the margin around it, or what is
                 // left of that.
                 let is_known = |obstacle: &Neighbour| {
-                    let squared = obstacle.center_ned_m.minus(place).norm_squared();
-                    let is_within = |apart_m: f32| {
-                        let limit_m = obstacle.reach_m - reach_m + apart_m;
-                        limit_m > 0.0 && squared < limit_m * limit_m
-                    };
-                    is_within(self.config.margin_m) && is_within(obstacle.clearance_m(input.rest_ned_m))
+                    let limit_m = obstacle.reach_m - reach_m + self.config.margin_m;
+                    let away = obstacle.center_ned_m.minus(place);
+                    limit_m > 0.0
+                        && away.norm_squared() < limit_m * limit_m
+                        && away.norm() < obstacle.reach_m - reach_m + obstacle.clearance_m(input.rest_ned_m)
                 };
                 if cover == Cover::Seen || near.iter().any(is_known) {
                     continue;

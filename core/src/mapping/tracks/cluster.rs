@@ -3,12 +3,13 @@
 use core::ops::Range;
 
 use heapless::Vec;
+use heapless::binary_heap::{BinaryHeap, Max};
 
 use super::{CLUSTERS_MAX, Kept, RADIUS_M};
-use crate::base::math::inverse_root;
+use crate::base::math::{inverse_root, sqrt};
 use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
-use crate::base::units::{nearest, wrap_pi};
+use crate::base::units::{between, nearest, wrap_pi};
 use crate::mapping::scan::{Scan, Sector};
 
 /// A cluster longer than this is not an object.
@@ -30,8 +31,6 @@ const ENOUGH_M: f32 = 0.003;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cluster {
     pub(super) center_ned_m: Horizontal,
-    /// Distance of the nearest hit.
-    pub(super) range_m: f32,
     pub(super) sigma_m: f32,
     /// How long before the time of the tracks it was measured.
     pub(super) ago_s: f32,
@@ -50,56 +49,107 @@ pub(super) struct View<'a> {
     pub(super) before: Option<&'a Kept>,
 }
 
+impl View<'_> {
+    fn hits(&self, piece: &Piece) -> &[Horizontal] {
+        self.hits.get(usize::from(piece.from)..usize::from(piece.to)).unwrap_or_default()
+    }
+
+    /// Whether an earlier scan saw through where they are.
+    fn was_free(&self, hits: &[Horizontal]) -> bool {
+        self.before.is_some_and(|before| before.saw_through(hits, self.pose.position_ned_m))
+    }
+
+    fn measure(&self, piece: &Piece) -> Cluster {
+        let Self { scan, late_s, pose, .. } = *self;
+        let hits = self.hits(piece);
+        let range_m = sqrt(f32::from_bits(piece.nearest_m2));
+        let end = |hit: Horizontal| (hit, ray_at(scan, pose, hit));
+        let (center, ends) = match hits {
+            [hit] => (hit.times(1.0 + RADIUS_M * inverse_root(hit.norm_squared() + 1e-9)), [end(*hit); 2]),
+            [first, .., last] => (center(hits, range_m), [end(*first), end(*last)]),
+            [] => Default::default(),
+        };
+        let center_ned_m = center.plus(pose.position_ned_m);
+        let sigma_m = sigma_m(scan, &ends, range_m);
+        let [(_, from), (_, to)] = ends;
+        // A hit of the first or the last ray may lie outside of the view from where the vehicle was in the middle of the turn.
+        let middle = 0.5 * (from + to) as f32;
+        let after_s = scan.after_s(between(middle, 0.0, scan.rays.len().saturating_sub(1) as f32));
+        Cluster { center_ned_m, sigma_m, ago_s: late_s - after_s, was_free: self.was_free(hits), track: None }
+    }
+}
+
+/// Hits that may be an object: the squared distance of the nearest, as bits, which are in the order of the numbers; and
+/// from which hit to before which.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Piece {
+    nearest_m2: u32,
+    from: u16,
+    to: u16,
+}
+
+/// The farthest on top.
+type Pieces = BinaryHeap<Piece, Max, CLUSTERS_MAX>;
+
 /// The clusters that may be objects; the nearest, if they are too many.
+#[inline(never)]
 pub(super) fn find(clusters: &mut Vec<Cluster, CLUSTERS_MAX>, view: &View<'_>) {
     let step_rad = libm::fabsf(view.scan.step_rad);
+    let mut pieces = Pieces::new();
     let mut from = 0;
     let mut cusp = Cusp::default();
+    let mut next_m = view.hits.first().map_or(0.0, |first| first.norm());
     for to in 1..=view.hits.len() {
         let (Some(before), next) = (view.hits.get(to - 1), view.hits.get(to)) else { continue };
-        let cut = cusp.step(to - 1, before.norm());
+        let before_m = next_m;
+        next_m = next.map_or(0.0, |next| next.norm());
+        let cut = cusp.step(to - 1, before_m);
         if let Some(cut) = cut.filter(|cut| *cut > from) {
-            cut_up(clusters, view, from..cut);
+            cut_up(&mut pieces, view, from..cut);
             from = cut;
         }
-        if next.is_none_or(|next| is_apart(*before, *next, step_rad)) {
-            cut_up(clusters, view, from..to);
+        if next.is_none_or(|next| is_apart((*before, before_m), (*next, next_m), step_rad)) {
+            cut_up(&mut pieces, view, from..to);
             (from, cusp) = (to, Cusp::default());
         }
+    }
+    for piece in pieces.iter() {
+        // Cannot fail: there are as many places.
+        let _ = clusters.push(view.measure(piece));
     }
 }
 
 /// A piece, in parts as long as an object where it is longer.
 #[inline(never)]
-fn cut_up(clusters: &mut Vec<Cluster, CLUSTERS_MAX>, view: &View<'_>, piece: Range<usize>) {
-    let View { scan, late_s, pose, hits, before } = *view;
-    let points = hits.get(piece.clone()).unwrap_or_default();
+fn cut_up(pieces: &mut Pieces, view: &View<'_>, piece: Range<usize>) {
+    let points = view.hits.get(piece.clone()).unwrap_or_default();
     let (Some(first), Some(last)) = (points.first(), points.last()) else { return };
     let chord_m = last.minus(*first).norm();
-    // A wall, or people side by side, who came to where nothing was.
     let is_long = is_wall(points, chord_m);
-    let parts = (libm::roundf(chord_m / PART_M) as usize).min(points.len()).max(1);
+    let parts = (nearest(chord_m * (1.0 / PART_M)) as usize).min(points.len()).max(1);
     for part in 0..parts {
-        let at = |part: usize| piece.start + part * points.len() / parts;
-        let (from, to) = (at(part), at(part + 1));
-        let its = hits.get(from..to).unwrap_or_default();
-        let was_free = before.is_some_and(|before| before.saw_through(its, pose.position_ned_m));
-        if is_long && !was_free {
+        let at = |part: usize| (piece.start + part * points.len() / parts) as u16;
+        let mut part = Piece { nearest_m2: u32::MAX, from: at(part), to: at(part + 1) };
+        let hits = view.hits(&part);
+        for hit in hits {
+            part.nearest_m2 = part.nearest_m2.min(hit.norm_squared().to_bits());
+        }
+        // A wall, unless it came to where nothing was: people side by side.
+        if is_long && !view.was_free(hits) {
             continue;
         }
-        let (center, range_m) = center(its);
-        let sigma_m = sigma_m(scan, pose, its, range_m);
-        // A hit of the first or the last ray may lie outside of the view from where the vehicle was in the middle of the turn.
-        let middle = its.get(its.len() / 2).map_or(0, |hit| ray_at(scan, pose, *hit)).max(0) as usize;
-        let after_s = scan.after_s(middle.min(scan.rays.len().saturating_sub(1)) as f32);
-        let center_ned_m = center.plus(pose.position_ned_m);
-        let seen = Cluster { center_ned_m, range_m, sigma_m, ago_s: late_s - after_s, was_free, track: None };
-        let Err(seen) = clusters.push(seen) else { continue };
-        if let Some(farthest) = clusters.iter_mut().max_by(|a, b| a.range_m.total_cmp(&b.range_m))
-            && seen.range_m < farthest.range_m
-        {
-            *farthest = seen;
-        }
+        keep_nearest(pieces, part);
+    }
+}
+
+/// Adds a piece; where there is no space, in place of the farthest.
+#[inline(never)]
+fn keep_nearest(pieces: &mut Pieces, part: Piece) {
+    let Err(part) = pieces.push(part) else { return };
+    if let Some(mut farthest) = pieces.peek_mut()
+        && part < *farthest
+    {
+        *farthest = part;
     }
 }
 
@@ -135,8 +185,8 @@ impl Cusp {
     }
 }
 
-fn is_apart(a: Horizontal, b: Horizontal, step_rad: f32) -> bool {
-    let (a_m, b_m) = (a.norm(), b.norm());
+/// Whether two neighbours, at their ranges, are apart.
+fn is_apart((a, a_m): (Horizontal, f32), (b, b_m): (Horizontal, f32), step_rad: f32) -> bool {
     let nearer_m = if a_m < b_m { a_m } else { b_m };
     let apart_m = a.minus(b).norm();
     if step_rad > WIDE_RAD {
@@ -160,14 +210,13 @@ fn is_wall(piece: &[Horizontal], chord_m: f32) -> bool {
     piece.iter().all(|point| libm::fabsf(point.minus(*first).dot(across)) < STRAIGHT_M)
 }
 
-/// The centre of an object behind its hits, from where they were seen, and the distance of the nearest of them.
-fn center(piece: &[Horizontal]) -> (Horizontal, f32) {
+/// The centre of an object behind its hits, from where they were seen, and of which the nearest is so far.
+fn center(piece: &[Horizontal], nearest_m: f32) -> Horizontal {
     let unit = |v: Horizontal| v.times(inverse_root(v.norm_squared()));
     let ends = match (piece.first(), piece.last()) {
         (Some(first), Some(last)) => unit(unit(*first).plus(unit(*last))),
-        _ => return (Horizontal::default(), 0.0),
+        _ => return Horizontal::default(),
     };
-    let nearest_m = piece.iter().map(|p| p.norm()).fold(f32::INFINITY, |a, b| if b < a { b } else { a });
     let begin = ends.times(nearest_m + RADIUS_M);
     let mut at = begin;
     for _ in 0..STEPS {
@@ -193,7 +242,7 @@ fn center(piece: &[Horizontal]) -> (Horizontal, f32) {
             break;
         }
     }
-    (at, nearest_m)
+    at
 }
 
 /// Index of the ray that hit a point; one that is not in the view is on the side to which the point is nearer.
@@ -207,12 +256,11 @@ fn ray_at(scan: &Scan, pose: &Pose, point: Horizontal) -> i32 {
 }
 
 /// How well the centre is known: less well if something nearer hides a side of it, or if the view ends there.
-fn sigma_m(scan: &Scan, pose: &Pose, piece: &[Horizontal], range_m: f32) -> f32 {
+fn sigma_m(scan: &Scan, ends: &[(Horizontal, i32); 2], range_m: f32) -> f32 {
     let by_width_m = 0.3 * libm::fabsf(scan.step_rad) * range_m;
     let mut sigma_m = if by_width_m > 0.02 { by_width_m } else { 0.02 };
-    for (point, side) in [(piece.first(), -1), (piece.last(), 1)] {
-        let Some(point) = point else { continue };
-        let least_m = match scan.sector(ray_at(scan, pose, *point) + side) {
+    for ((point, ray), side) in ends.iter().zip([-1, 1]) {
+        let least_m = match scan.sector(ray + side) {
             Sector::Unknown => 0.15,
             Sector::Hit(hit_m) if hit_m < point.norm() - 0.1 => 0.06,
             _ => 0.0,

@@ -14,11 +14,11 @@
 //! A track is forgotten when the sensor sees through where it should be, or when it was not seen for a while.
 
 use heapless::Vec;
+use heapless::binary_heap::{BinaryHeap, Min};
 
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
-use crate::base::sort::sort_by_key;
 use crate::base::time::Instant;
 use crate::base::units::{between, nearest, wrap_pi};
 use crate::mapping::scan::{RAYS_MAX, Ranges, Scan};
@@ -31,8 +31,8 @@ pub const TRACKS_MAX: usize = 32;
 const _: () = assert!(TRACKS_MAX <= 32, "a bit of a u32 for each");
 /// Most clusters of one scan.
 const CLUSTERS_MAX: usize = 32;
-/// Most pairs of cluster and track that are within the gate.
-const PAIRS_MAX: usize = 64;
+/// Pairs of a cluster and a track near it, two for each cluster.
+const PAIRS_MAX: usize = 2 * CLUSTERS_MAX;
 /// Scans that are kept, and how far apart they are at least.
 const KEPT: usize = 3;
 const KEPT_APART_S: f32 = 0.14;
@@ -388,10 +388,14 @@ impl Tracks {
         };
         let Err(born) = self.tracks.push(born) else { return };
         let far = |track: &Track| track.center_ned_m.minus(from_ned_m).norm_squared();
-        let standing = self.tracks.iter_mut().filter(|track| !track.moves);
-        if let Some(farthest) = standing.max_by(|a, b| far(a).total_cmp(&far(b)))
-            && far(&born) < far(farthest)
-        {
+        let (mut farthest_m2, mut farthest) = (far(&born), None);
+        for track in self.tracks.iter_mut().filter(|track| !track.moves) {
+            let squared = far(track);
+            if squared > farthest_m2 {
+                (farthest_m2, farthest) = (squared, Some(track));
+            }
+        }
+        if let Some(farthest) = farthest {
             *farthest = born;
         }
     }
@@ -400,7 +404,8 @@ impl Tracks {
 /// Assigns clusters to tracks, the nearest pair first; returns the assigned tracks, one bit each.
 #[inline(never)]
 fn associate(tracks: &[Track], clusters: &mut [Cluster]) -> u32 {
-    let mut pairs: Vec<(f32, u8, u8), PAIRS_MAX> = Vec::new();
+    // The nearest on top: squared distances as bits, which are in the order of the numbers.
+    let mut pairs: BinaryHeap<(u32, u8, u8), Min, PAIRS_MAX> = BinaryHeap::new();
     let mut gates: Vec<f32, TRACKS_MAX> = Vec::new();
     for track in tracks {
         let gate_m = GATE_M + GATE_SIGMAS * sqrt(track.covariance[0]);
@@ -409,23 +414,24 @@ fn associate(tracks: &[Track], clusters: &mut [Cluster]) -> u32 {
         let _ = gates.push(gate_m * gate_m);
     }
     for (c, seen) in clusters.iter().enumerate() {
+        // The nearest two tracks within their gates.
+        let mut two = [(f32::INFINITY, 0); 2];
         for (t, (track, gate_m2)) in tracks.iter().zip(&gates).enumerate() {
             let squared = seen.center_ned_m.minus(track.center_before(seen.ago_s)).norm_squared();
-            if squared < *gate_m2 {
-                let pair = (squared, c as u8, t as u8);
-                let Err(pair) = pairs.push(pair) else { continue };
-                // Of very many the widest are left out.
-                if let Some(widest) = pairs.iter_mut().max_by(|(a, ..), (b, ..)| a.total_cmp(b))
-                    && squared < widest.0
-                {
-                    *widest = pair;
+            if squared < *gate_m2 && squared < two[1].0 {
+                two[1] = (squared, t as u8);
+                if squared < two[0].0 {
+                    two.swap(0, 1);
                 }
             }
         }
+        for (squared, t) in two.into_iter().filter(|(squared, _)| squared.is_finite()) {
+            // Cannot fail: there are two places for each cluster.
+            let _ = pairs.push((squared.to_bits(), c as u8, t));
+        }
     }
-    sort_by_key(&mut pairs, |(squared, ..)| *squared);
     let mut taken = 0_u32;
-    for (_, c, t) in pairs.iter().copied() {
+    while let Some((_, c, t)) = pairs.pop() {
         let Some(seen) = clusters.get_mut(usize::from(c)) else { continue };
         let bit = 1 << (t % 32);
         if seen.track.is_none() && taken & bit == 0 {

@@ -291,7 +291,7 @@ fn each_of_a_thicket_belongs_to_its_own_track() {
         };
         track.predict(0.1);
         tracks.push(track).unwrap();
-        let seen = Cluster { center_ned_m, range_m: 3.0, sigma_m: 0.02, ago_s: 0.0, was_free: false, track: None };
+        let seen = Cluster { center_ned_m, sigma_m: 0.02, ago_s: 0.0, was_free: false, track: None };
         clusters.push(seen).unwrap();
     }
     associate(&tracks, &mut clusters);

@@ -160,6 +160,7 @@ impl Memory {
 
     /// Forgets the way to the last place where this is another: the next one of a search, or the source after it, for which
     /// what was spent before counts on.
+    #[inline(never)]
     fn turn_to(&mut self, sought_ned_m: Option<Horizontal>) {
         if sought_ned_m == self.sought_ned_m {
             return;
@@ -226,7 +227,7 @@ pub(super) fn plan(
         && progress.bends < BENDS_MAX
         && !workspace.obstacles.iter().any(near)
         && let Some(bent) = bend(request, learn, &workspace.obstacles)
-        && bent.iter().all(|place| place.minus(fence.center_ned_m).norm() <= fence.reach_m(start))
+        && fence.has_inside(&bent, start)
     {
         progress.bends += 1;
         let target = bent[WAYPOINTS - 1];
