@@ -7,6 +7,7 @@ use foxhound_core::planning::planner;
 use foxhound_sim::drive::computer::HostComputer;
 use foxhound_sim::drive::flight::{self, Mission, Moment};
 use foxhound_sim::scenario::Scenario;
+use foxhound_sim::world::Pillar;
 
 /// A track no farther from somebody than this is of him.
 const NEAR_M: f64 = 0.6;
@@ -18,7 +19,8 @@ pub(super) const AFTER_S: [f64; 3] = [0.2, 0.5, 1.0];
 pub(super) struct Following {
     /// Errors of the velocity after each of [`AFTER_S`].
     speed_errors_mps: [Vec<f64>; 3],
-    /// Normalised squared errors of place and velocity, of tracks that move and were just seen; 1 is what they say of themselves.
+    /// Normalised squared errors of place and velocity, of tracks that move and were just seen, where nobody walks through another,
+    /// as bodies cannot; 1 is what they say of themselves.
     nees: Vec<f64>,
     /// Tracks that were just seen, and are said to move; those of them where nobody is.
     moving: usize,
@@ -26,26 +28,27 @@ pub(super) struct Following {
 }
 
 impl Following {
-    /// Flies past people, each on a straight line.
+    /// Flies past people.
     pub(super) fn fly(&mut self, scenario: Scenario, seed: u64) {
         let mission =
             Mission { scenario, seed, planner: planner::Config::default(), estimator: Estimator::CrossSpectrum };
         let mut computer = HostComputer::new(&mission.guidance()).unwrap();
         let mut first_s = BTreeMap::new();
         flight::fly(&mission, &mut computer, None, |moment| {
-            self.compare(&mission.scenario, moment, &mut first_s);
+            self.compare(moment, &mut first_s);
         })
         .unwrap();
     }
 
-    fn compare(&mut self, scenario: &Scenario, moment: &Moment<'_>, first_s: &mut BTreeMap<usize, f64>) {
+    fn compare(&mut self, moment: &Moment<'_>, first_s: &mut BTreeMap<usize, f64>) {
         let time_s = moment.sample.time_s;
         let tracks = moment.computer.inside().map_or(&[][..], |one| one.state().tracks().all());
         let mut is_somebody = vec![false; tracks.len()];
-        for (index, person) in scenario.obstacles.iter().enumerate() {
-            let [east_m, north_m] = [person.x + person.vx * time_s, person.y + person.vy * time_s];
+        let people: Vec<Pillar> = moment.world.pillars_at(time_s).collect();
+        for (index, person) in people.iter().enumerate() {
+            let (place, velocity) = (person.center, person.velocity_mps);
             let errors = tracks.iter().map(|track| {
-                [f64::from(track.center_ned_m.north) - north_m, f64::from(track.center_ned_m.east) - east_m]
+                [f64::from(track.center_ned_m.north) - place.north, f64::from(track.center_ned_m.east) - place.east]
             });
             let nearest = errors.enumerate().min_by(|(_, a), (_, b)| norm(*a).total_cmp(&norm(*b)));
             let Some((at, place_m)) = nearest.filter(|(_, error_m)| norm(*error_m) < NEAR_M) else {
@@ -58,8 +61,8 @@ impl Following {
                 continue;
             }
             let speed_mps = [
-                f64::from(track.velocity_ned_mps.north) - person.vy,
-                f64::from(track.velocity_ned_mps.east) - person.vx,
+                f64::from(track.velocity_ned_mps.north) - velocity.north,
+                f64::from(track.velocity_ned_mps.east) - velocity.east,
             ];
             let known_s = time_s - *first_s.entry(index).or_insert(time_s);
             for (errors, after_s) in self.speed_errors_mps.iter_mut().zip(AFTER_S) {
@@ -67,7 +70,8 @@ impl Following {
                     errors.push(norm(speed_mps));
                 }
             }
-            if track.moves() {
+            let is_apart = |(at, other): (usize, &Pillar)| at == index || !overlap(person, other);
+            if track.moves() && people.iter().enumerate().all(is_apart) {
                 let [pp, pv, vv] = track.covariance.map(f64::from);
                 let squared = |p: f64, v: f64| (vv * p * p - 2.0 * pv * p * v + pp * v * v) / (pp * vv - pv * pv);
                 self.nees.push((squared(place_m[0], speed_mps[0]) + squared(place_m[1], speed_mps[1])) / 4.0);
@@ -81,8 +85,9 @@ impl Following {
         }
     }
 
-    /// Prints what it came to; the median errors of the velocity, and the share of moving tracks that are nobody.
-    pub(super) fn told(mut self, name: &str) -> ([f64; 3], f64) {
+    /// Prints what it came to; the median errors of the velocity, the share of moving tracks that are nobody, and the mean
+    /// normalised squared error.
+    pub(super) fn told(mut self, name: &str) -> ([f64; 3], f64, f64) {
         let medians_mps = self.speed_errors_mps.each_mut().map(|errors| median(errors));
         let nees = self.nees.iter().sum::<f64>() / self.nees.len() as f64;
         eprintln!(
@@ -92,8 +97,13 @@ impl Following {
             self.ghosts,
             self.moving
         );
-        (medians_mps, self.ghosts as f64 / self.moving as f64)
+        (medians_mps, self.ghosts as f64 / self.moving as f64, nees)
     }
+}
+
+/// Whether they are nearer than two bodies can be.
+fn overlap(a: &Pillar, b: &Pillar) -> bool {
+    a.center.minus(b.center).norm() < a.radius_m + b.radius_m
 }
 
 fn norm([a, b]: [f64; 2]) -> f64 {
