@@ -1,5 +1,6 @@
 //! WAV recordings of many channels: real samples of each antenna, or I and Q of each in turn.
 
+use std::borrow::Cow;
 use std::io::Cursor;
 use std::path::Path;
 
@@ -8,6 +9,9 @@ use num_complex::Complex32;
 
 use super::frames::{FRAME, Samples, frame_starts};
 use crate::scenario::input::{InputError, read_bytes};
+
+/// Format tag of a header that tells valid bits and room apart.
+const EXTENSIBLE: u16 = 0xFFFE;
 
 /// Reads a recording of an array: one channel per antenna is real samples, two per antenna are I and Q.
 ///
@@ -20,7 +24,8 @@ pub(super) fn read(path: &Path, antennas: usize, sample_rate_hz: f64) -> Result<
 
 fn parse(bytes: &[u8], antennas: usize, sample_rate_hz: f64) -> Result<Samples, InputError> {
     let unreadable = |error: hound::Error| InputError::new(format!("not a WAV file that can be read: {error}"));
-    let mut reader = WavReader::new(Cursor::new(bytes)).map_err(unreadable)?;
+    let (bytes, valid) = of_full_width(bytes);
+    let mut reader = WavReader::new(Cursor::new(&bytes[..])).map_err(unreadable)?;
     let spec = reader.spec();
     let channels = usize::from(spec.channels);
     if channels != antennas && channels != 2 * antennas {
@@ -62,7 +67,33 @@ fn parse(bytes: &[u8], antennas: usize, sample_rate_hz: f64) -> Result<Samples, 
     }
     let sort = if is_real { "real samples" } else { "I and Q" };
     let format = if spec.sample_format == SampleFormat::Float { "float" } else { "int" };
-    Ok(Samples { channels: antennas, samples, values, is_real, kind: format!("WAV {format}{bits}, {sort}") })
+    let width = valid.map_or_else(|| bits.to_string(), |valid| format!("{valid} in {bits} bits"));
+    Ok(Samples { channels: antennas, samples, values, is_real, kind: format!("WAV {format}{width}, {sort}") })
+}
+
+/// The file with as many valid bits as a sample has room for, and how many it said if these were fewer: the valid ones are the upper, and
+/// hound takes the lower.
+fn of_full_width(bytes: &[u8]) -> (Cow<'_, [u8]>, Option<u16>) {
+    let half = |at: usize| Some(u16::from_le_bytes(bytes.get(at..at + 2)?.try_into().ok()?));
+    let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?));
+    let mut chunk = 12;
+    while let (Some(name), Some(length)) = (bytes.get(chunk..chunk + 4), word(chunk + 4)) {
+        let length = usize::try_from(length).unwrap_or(usize::MAX);
+        if name != b"fmt " {
+            chunk = chunk.saturating_add(8).saturating_add(length).saturating_add(length % 2);
+            continue;
+        }
+        let (tag, room, valid_at) = (half(chunk + 8), half(chunk + 22), chunk + 26);
+        return match (room, half(valid_at)) {
+            (Some(room), Some(valid)) if tag == Some(EXTENSIBLE) && length >= 40 && (1..room).contains(&valid) => {
+                let mut full = bytes.to_vec();
+                full[valid_at..valid_at + 2].copy_from_slice(&room.to_le_bytes());
+                (full.into(), Some(valid))
+            }
+            _ => (bytes.into(), None),
+        };
+    }
+    (bytes.into(), None)
 }
 
 #[cfg(test)]
@@ -80,5 +111,24 @@ mod tests {
         let Samples { samples, values, .. } = parse(&bytes, 2, 1000.0).unwrap();
         assert_eq!((samples, values.len()), (FRAME, 3 * 2 * FRAME));
         assert_eq!(values.last().unwrap().re, 4999.0 / 32_768.0);
+    }
+
+    #[test]
+    fn of_24_bits_in_32_the_upper_ones_count() {
+        let values = [0x12_3456_i32, -0x12_3456, 1, -1];
+        let mut file = b"RIFF".to_vec();
+        file.extend((60 + 16_u32).to_le_bytes());
+        file.extend(b"WAVEfmt \x28\0\0\0\xFE\xFF\x02\0");
+        file.extend(1000_u32.to_le_bytes());
+        file.extend(8000_u32.to_le_bytes());
+        [8_u16, 32, 22, 24].iter().for_each(|field| file.extend(field.to_le_bytes()));
+        file.extend(b"\0\0\0\0\x01\0\0\0\0\0\x10\0\x80\0\0\xAA\0\x38\x9B\x71data");
+        file.extend(16_u32.to_le_bytes());
+        values.iter().for_each(|value| file.extend((value << 8).to_le_bytes()));
+        let read = parse(&file, 2, 1000.0).unwrap();
+        // Channel after channel.
+        let wanted = [0, 2, 1, 3].map(|at: usize| values[at] as f32 / 8_388_608.0);
+        assert_eq!(read.values.iter().map(|value| value.re).collect::<Vec<_>>(), wanted);
+        assert_eq!(read.kind, "WAV int24 in 32 bits, real samples");
     }
 }
