@@ -2,6 +2,7 @@
 
 use super::Vector;
 use crate::base::adc::ANTENNAS_MAX;
+use crate::base::math::sqrt;
 use crate::signal::phase::Complex;
 
 /// `R = sum w z z'`, and the sum of the weights `w`.
@@ -27,6 +28,15 @@ impl Covariance {
     #[must_use]
     pub fn weight(&self) -> f32 {
         self.weight
+    }
+
+    /// One over the root of each antenna's power; zero of one that hears nothing.
+    pub(super) fn coherence_scale(&self) -> [f32; ANTENNAS_MAX] {
+        let mut scale = [0.0; ANTENNAS_MAX];
+        for (scale, power) in scale.iter_mut().zip(self.diagonal()) {
+            *scale = if power > 0.0 { 1.0 / sqrt(power) } else { 0.0 };
+        }
+        scale
     }
 
     /// `a' R a`.

@@ -4,8 +4,8 @@
 //! `v = (tr R - P / n) / (n - 1)` and the likeliest source `S = (P / n - v) / n`. The bearing's variance is the Cramer-Rao bound of
 //! a Gaussian source, `v / (2 N S) (1 + v / (n S)) / G`, `G` the array's sensitivity ([`super::Peak::sensitivity`]).
 //!
-//! A source is there when the largest eigenvalue stands above what noise alone reaches (Johnstone 2001, Ann. Stat. 29:
-//! `(1 + sqrt(n / N))^2` and its spread). When what is left beside the plane wave does as well, there is a second one: another
+//! A source is there when the largest eigenvalue of the channels' coherence `R_ij / sqrt(R_ii R_jj)`, which knows nothing of their gains, stands
+//! above what noise alone reaches (Johnstone 2001, Ann. Stat. 29: `(1 + sqrt(n / N))^2` and its spread). When what is left beside the plane wave does as well, there is a second one: another
 //! emitter when the covariance has a second large eigenvalue, a reflection of the same when it has not. Two that are near each
 //! other leave nearly all of it along the derivative of the plane wave: the power there is also compared with that beside it, which takes
 //! less to stand out (the ratio of two variances with `2 N` and `2 N (n - 2)` degrees of freedom).
@@ -65,10 +65,17 @@ impl Source {
         let power = peak.share * total;
         let noise = ((total - power) / (antennas - 1.0)).max(1e-9 * total);
         let source = (power - noise) / antennas;
-        let first = Dominant::of(|z| covariance.times(z), &beam.toward(peak.azimuth_rad));
-        if first.value / samples < ceiling(antennas, samples) * total / antennas || !(source > 0.0) {
+        let start = beam.toward(peak.azimuth_rad);
+        // Of the coherence, whose mean is one: channels that are not equally loud are no source.
+        let scale = covariance.coherence_scale();
+        let scaled = |z: &Vector| {
+            core::array::from_fn(|k| z.get(k).zip(scale.get(k)).map_or(Complex::default(), |(z, s)| z.scaled(*s)))
+        };
+        let alike = Dominant::of(|z| scaled(&covariance.times(&scaled(z))), &start);
+        if alike.value < ceiling(antennas, samples) || !(source > 0.0) {
             return bearing.into();
         }
+        let first = Dominant::of(|z| covariance.times(z), &start);
 
         let mut flags = Flags::default();
         for antenna in (0..beam.antennas()).filter(|antenna| !covariance.lives(*antenna)) {

@@ -149,3 +149,27 @@ fn antennas_that_are_left_on_a_line_by_dead_ones_give_no_bearing() {
         }
     }
 }
+
+#[test]
+fn noise_of_channels_that_are_not_equally_loud_is_no_source() {
+    for (antennas, radius_m) in [(2, 0.2), (3, 0.15), (4, 0.28), (5, 0.4), (8, 0.5)] {
+        let (beam, mut rng) = (beam(&ring(antennas, radius_m)), Rng::new(12, 0));
+        // The first is louder by 2 dB, or has no antenna and hears half as much.
+        for gain in [1.26, 0.71] {
+            let found = |_: &i32| {
+                let mut covariance = Covariance::default();
+                for _ in 0..512 {
+                    let mut z = Vector::default();
+                    for (k, z) in z.iter_mut().enumerate().take(antennas) {
+                        *z = Complex { re: rng.gaussian(), im: rng.gaussian() }.scaled(if k == 0 { gain } else { 1.0 });
+                    }
+                    covariance.add(&z, 1.0);
+                }
+                let bearing = Source::default().bearing(&beam, &covariance, 0.0, Instant(0)).bearing;
+                !bearing.flags.contains(Flags::NO_SIGNAL)
+            };
+            let count = (0..200).filter(found).count();
+            assert!(count <= 2, "{antennas} antennas, {gain}: a source in {count} of 200");
+        }
+    }
+}
