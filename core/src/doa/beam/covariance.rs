@@ -30,6 +30,16 @@ impl Covariance {
         self.weight
     }
 
+    /// The same but for the scale: the trace is the sum of the weights, so that no product of two of its elements is too large. It is as it was
+    /// where there is nothing to divide by.
+    pub(super) fn of_mean_one(&self) -> Self {
+        let scale = self.weight / self.trace();
+        if !(scale > 0.0) || !scale.is_finite() {
+            return *self;
+        }
+        Self { rows: self.rows.map(|row| row.map(|r| r.scaled(scale))), weight: self.weight }
+    }
+
     /// One over the root of each antenna's power; zero of one that hears nothing.
     pub(super) fn coherence_scale(&self) -> [f32; ANTENNAS_MAX] {
         let mut scale = [0.0; ANTENNAS_MAX];

@@ -58,6 +58,8 @@ impl Source {
             bearing.flags = bearing.flags.with(Flags::NOT_FINITE);
             return bearing.into();
         }
+        // Only ratios count. Squared, sums of loud codes would be too large for a number.
+        let covariance = &covariance.of_mean_one();
         let samples = covariance.weight();
         let (Some(peak), true) = (beam.find(covariance), samples >= 1.0) else { return bearing.into() };
         let antennas = peak.antennas as f32;

@@ -173,3 +173,12 @@ fn noise_of_channels_that_are_not_equally_loud_is_no_source() {
         }
     }
 }
+
+#[test]
+fn loud_codes_are_as_good_as_others() {
+    let (beam, mut rng) = (beam(&ring(5, 0.4)), Rng::new(13, 0));
+    let loud = heard(&beam, &[(0.9, 1e9, true)], 1e8, 64, &mut rng);
+    let bearing = Source::default().bearing(&beam, &loud, 0.0, Instant(0)).bearing;
+    assert!(bearing.valid && bearing.flags == Flags::default(), "{bearing:?}");
+    assert!(libm::fabsf(bearing.azimuth_rad - 0.9) < 0.02, "{bearing:?}");
+}
