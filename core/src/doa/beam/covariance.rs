@@ -24,6 +24,16 @@ impl Covariance {
         self.weight += weight;
     }
 
+    /// Adds another one, times a weight.
+    pub fn join(&mut self, other: &Self, weight: f32) {
+        for (row, others) in self.rows.iter_mut().zip(&other.rows) {
+            for (sum, other) in row.iter_mut().zip(others) {
+                *sum = sum.plus(other.scaled(weight));
+            }
+        }
+        self.weight += weight * other.weight;
+    }
+
     /// Sum of the weights.
     #[must_use]
     pub fn weight(&self) -> f32 {
