@@ -5,12 +5,13 @@
 //!
 //! - **At 0 Hz** a direct-conversion receiver has an offset of its own, which looks like a source. Where the mean is much the same in each of
 //!   eight and more frames it is taken out, and with it what a transmitter sends at exactly 0 Hz.
-//! - **Samples and bins count for less where noise is not white**, see [`band`].
+//! - **Samples and bins count for less where noise is not white**, and a bearing to what stands beside the band is not valid, see [`band`].
 
 use std::path::Path;
 
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::beam::{Arrival, Beam, Covariance, Source, can_tell};
+use foxhound_core::doa::bearing::Flags;
 use num_complex::{Complex32, Complex64};
 
 use super::bearings::ArrayLine;
@@ -239,14 +240,19 @@ impl Estimator {
     /// Takes a frame, channel after channel, less the mean of each channel.
     pub(super) fn add(&mut self, values: &[Complex32], means: &[Complex32]) {
         let less = |(channel, mean): (&[Complex32], &Complex32)| channel.iter().map(|value| value - mean).collect();
-        let channels = values.chunks_exact(self.samples).zip(means).map(less).collect();
-        self.band.add(&self.beam, channels, &mut self.sums);
+        let channels = values.chunks_exact(self.samples).zip(means).map(less).collect::<Vec<_>>();
+        self.band.add(&self.beam, &channels, &mut self.sums);
     }
 
     /// The bearing of the frames since the last bearing.
     pub(super) fn take(&mut self, time: u64) -> Arrival {
         let sums = std::mem::take(&mut self.sums);
-        self.source.bearing(&self.beam, &sums.covariance, sums.hz() as f32, Instant(time))
+        let mut arrival = self.source.bearing(&self.beam, &sums.covariance, self.band.hz(&sums) as f32, Instant(time));
+        let bearing = &mut arrival.bearing;
+        if sums.is_leaked() && !bearing.flags.contains(Flags::NO_SIGNAL) {
+            (bearing.valid, bearing.flags) = (false, bearing.flags.with(Flags::INTERFERER));
+        }
+        arrival
     }
 }
 

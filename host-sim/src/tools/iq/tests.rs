@@ -109,3 +109,75 @@ fn the_sigma_of_a_tone_without_a_band_is_its_error() {
         assert!((0.75..1.3).contains(&nees), "{antennas} channels, {amplitude}: NEES {nees}");
     }
 }
+
+/// The array file of `docs/hardware/radios.md`.
+fn kraken() -> (Vec<[f64; 2]>, RadioArray) {
+    let antennas_m = [[0.2, 0.0], [0.062, -0.190], [-0.162, -0.118], [-0.162, 0.118], [0.062, 0.190]];
+    let text = format!(
+        "wavelength_m = 0.6909\nantennas_m = {antennas_m:?}\nsample_rate_hz = 2.4e6\ntone_band_hz = [-12.5e3, 12.5e3]\nsigma_floor_deg = 3.0\n"
+    );
+    (antennas_m.map(|xy| xy.map(|part| part / 0.6909)).to_vec(), RadioArray::parse(&text).unwrap())
+}
+
+#[test]
+fn a_channel_beside_the_band_makes_no_valid_bearing() {
+    let (antennas_m, array) = kraken();
+    let mut rng = Rng::new(33, 0);
+    for hz in [20e3, 25e3, 37.5e3, 50e3, 75e3] {
+        for snr_db in [10.0, 20.0, 30.0, 40.0, 60.0] {
+            let mut values = white(5, 100, &mut rng);
+            add_tone(&mut values, &antennas_m, 1.3, 10.0_f64.powf(snr_db / 20.0), hz / 2.4e6);
+            let lines = find(&frames(5, N, false, values), &array, 1).unwrap();
+            assert!(valid(&lines) <= 1, "{hz} Hz, {snr_db} dB: {} of 100 valid", valid(&lines));
+        }
+    }
+}
+
+#[test]
+fn a_source_is_heard_beside_another_channel() {
+    let (antennas_m, array) = kraken();
+    let mut rng = Rng::new(34, 0);
+    for (hz, snr_db) in [(25e3, 20.0), (37.5e3, 30.0), (50e3, 30.0)] {
+        let mut values = white(5, 100, &mut rng);
+        add_tone(&mut values, &antennas_m, 1.3, 10.0_f64.powf(snr_db / 20.0), hz / 2.4e6);
+        add_tone(&mut values, &antennas_m, -1.0, 1.0, 3e3 / 2.4e6);
+        let lines = find(&frames(5, N, false, values), &array, 1).unwrap();
+        assert!(valid(&lines) >= 95, "{hz} Hz, {snr_db} dB: {} of 100 valid", valid(&lines));
+        for line in lines.iter().filter(|line| line.line.valid) {
+            let off_deg = line.line.azimuth_deg.unwrap() + 1.0_f64.to_degrees();
+            assert!(off_deg.abs() < 3.0 * line.line.sigma_deg.unwrap(), "{hz} Hz, {snr_db} dB: {line:?}");
+        }
+    }
+}
+
+#[test]
+fn the_image_of_real_samples_bends_no_bearing() {
+    let antennas_m = ring(4, 0.28);
+    let mut rng = Rng::new(35, 0);
+    // In bins, beside both ends of the spectrum.
+    for bins in [0.3, 1.0, 2.1, 3.2, 4.0, 5.5, 8.3, 508.1, 509.0, 510.4, 511.2, 511.7] {
+        let mut values = white(4, 40, &mut rng);
+        values.iter_mut().for_each(|value| *value *= 0.03);
+        add_tone(&mut values, &antennas_m, 0.5, 1.0, bins / N as f64);
+        values.iter_mut().for_each(|value| value.im = 0.0);
+        for line in find(&frames(4, N, true, values), &array(&antennas_m, ""), 1).unwrap() {
+            let off_deg = line.line.azimuth_deg.unwrap_or(0.0) - 0.5_f64.to_degrees();
+            let most_deg = 4.0 * line.line.sigma_deg.unwrap_or(0.0) + 0.5;
+            assert!(!line.line.valid || off_deg.abs() < most_deg, "{bins} bins: {line:?}");
+        }
+    }
+}
+
+#[test]
+fn a_tone_at_half_the_sample_rate_is_heard_around_it() {
+    let antennas_m = ring(4, 0.28);
+    let mut rng = Rng::new(36, 0);
+    for hz in [498.5e3, -498.5e3] {
+        let mut values = white(4, 20, &mut rng);
+        add_tone(&mut values, &antennas_m, 0.5, 1.0, hz / 1e6);
+        // The file says half the rate; the tone is at one side of it or the other.
+        let lines = find(&frames(4, N, false, values), &array(&antennas_m, "tone_hz = 5e5"), 1).unwrap();
+        let hears = |line: &ArrayLine| (line.line.freq_hz.unwrap() - hz).abs() < 200.0;
+        assert!(valid(&lines) == 20 && lines.iter().all(hears), "{hz} Hz: {:?}", lines.first());
+    }
+}
