@@ -149,6 +149,9 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
         let array = RadioArray::read(&args.array)?;
         let frames = Frames::read(path, &array)?;
         cli.note(&format!("note: read {}", frames.taken()));
+        if let Some(text) = frames.warning() {
+            warn(&format!("warning: {text}"));
+        }
         let lines = iq::find(&frames, &array, looks)?;
         refuse_left(frames.count() % looks, frames.count(), "frames", looks)?;
         return print(cli, &lines, |line| &line.line);

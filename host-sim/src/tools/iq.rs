@@ -3,8 +3,8 @@
 //! The covariance is that of a frame's spectrum in the occupied band, bin by bin, or of its samples if no band is given. A window
 //! tapered at both ends keeps out signals outside the band. Of real samples only positive frequencies are used.
 //!
-//! - **At 0 Hz** a direct-conversion receiver has an offset of its own, which looks like a source. Where the mean is much the same in each of
-//!   eight and more frames it is taken out, and with it what a transmitter sends at exactly 0 Hz.
+//! - **At 0 Hz** a direct-conversion receiver has an offset of its own, which looks like a source. Where the mean is much the same in
+//!   all frames, or in eight parts of fewer, it is taken out, and with it what a transmitter sends at less than about half a turn in all of it.
 //! - **Samples and bins count for less where noise is not white**, and a bearing to what stands beside the band is not valid, see [`band`].
 
 use std::path::Path;
@@ -23,8 +23,8 @@ use crate::scenario::input::{InputError, read_bytes};
 mod band;
 use band::{Band, Sums};
 
-/// An offset is known from so many frames, in which so much of their means is alike.
-const OFFSET_FRAMES: usize = 8;
+/// An offset is looked for in so many parts, of which half are enough, and known where so much of their means is alike.
+const OFFSET_PARTS: usize = 8;
 const OFFSET_SHARE: f64 = 0.5;
 /// Samples of a channel in a frame.
 const SAMPLES: std::ops::RangeInclusive<usize> = 8..=1 << 20;
@@ -71,7 +71,7 @@ impl Frames {
         Self::checked(read_frames(bytes)?, array.beam.count)
     }
 
-    fn checked(read: Samples, antennas: usize) -> Result<Self, InputError> {
+    pub(super) fn checked(read: Samples, antennas: usize) -> Result<Self, InputError> {
         let Samples { channels, samples, values, is_real, kind } = read;
         let wrong = |text: String| Err(InputError::new(text));
         if channels != antennas {
@@ -83,7 +83,7 @@ impl Frames {
         if values.len() < channels * samples {
             return wrong("no frames".to_owned());
         }
-        let mut offset = Offset::new(channels);
+        let mut offset = Offset::new(channels, values.len() / (channels * samples));
         for frame in values.chunks_exact(channels * samples) {
             offset.add(frame.chunks_exact(samples));
         }
@@ -93,9 +93,7 @@ impl Frames {
     /// What was read.
     #[must_use]
     pub fn taken(&self) -> String {
-        let power: f64 = self.values.iter().map(|value| f64::from(value.norm_sqr())).sum();
-        let at_zero: f64 = self.means.iter().map(|mean| f64::from(mean.norm_sqr())).sum();
-        let share = at_zero * self.values.len() as f64 / (self.channels as f64 * power);
+        let share = self.share_at_zero();
         let note = if share > 0.01 {
             format!("; {:.0} % of the power are at 0 Hz, taken for the receiver's own offset", 100.0 * share)
         } else {
@@ -108,6 +106,23 @@ impl Frames {
             self.samples,
             self.kind
         )
+    }
+
+    /// What is left out, where that is most of the recording.
+    #[must_use]
+    pub fn warning(&self) -> Option<String> {
+        let share = self.share_at_zero();
+        let text =
+            "of the power are at 0 Hz and left out as the receiver's own offset: a transmitter there is not heard";
+        (share > OFFSET_SHARE).then(|| format!("{:.0} % {text}", 100.0 * share))
+    }
+
+    /// Share of the power that is taken for the receiver's own offset.
+    fn share_at_zero(&self) -> f64 {
+        let powers = self.values.iter().map(|value| f64::from(value.norm_sqr())).filter(|power| power.is_finite());
+        let (count, power) = powers.fold((0.0, 0.0), |(count, sum), power| (count + 1.0, sum + power));
+        let at_zero: f64 = self.means.iter().map(|mean| f64::from(mean.norm_sqr())).sum();
+        at_zero * count / (self.channels as f64 * power)
     }
 
     /// Samples of a channel in a frame.
@@ -256,35 +271,49 @@ impl Estimator {
     }
 }
 
-/// A receiver's own offset of each channel: the mean, where it is much the same in each frame.
+/// A receiver's own offset of each channel: the mean, where it is much the same in all parts of a recording.
 pub(super) struct Offset {
     sums: Vec<Complex64>,
     squares: f64,
-    frames: usize,
+    means: usize,
+    /// Of a frame.
+    parts: usize,
 }
 
 impl Offset {
-    pub(super) fn new(channels: usize) -> Self {
-        Self { sums: vec![Complex64::default(); channels], squares: 0.0, frames: 0 }
+    /// For so many frames. Few are cut into parts.
+    pub(super) fn new(channels: usize, frames: usize) -> Self {
+        let parts = OFFSET_PARTS.div_ceil(frames.max(1));
+        Self { sums: vec![Complex64::default(); channels], squares: 0.0, means: 0, parts }
     }
 
-    /// Takes a frame, channel after channel.
+    /// Takes a frame, channel after channel. A part that is not finite does not count.
     pub(super) fn add<'a>(&mut self, channels: impl Iterator<Item = &'a [Complex32]>) {
-        for (sum, channel) in self.sums.iter_mut().zip(channels) {
-            let wide = |value: &Complex32| Complex64::new(f64::from(value.re), f64::from(value.im));
-            let mean = channel.iter().map(wide).sum::<Complex64>() / channel.len() as f64;
-            *sum += mean;
-            self.squares += mean.norm_sqr();
+        let channels: Vec<&[Complex32]> = channels.collect();
+        let length = channels.first().map_or(0, |channel| channel.len() / self.parts);
+        if length == 0 {
+            return;
         }
-        self.frames += 1;
+        let wide = |value: &Complex32| Complex64::new(f64::from(value.re), f64::from(value.im));
+        for part in 0..self.parts {
+            let of_part = |channel: &&[Complex32]| channel.iter().skip(part * length).take(length).map(wide).sum();
+            let means: Vec<Complex64> = channels.iter().map(of_part).collect();
+            if means.iter().all(|mean| mean.is_finite()) {
+                for (sum, mean) in self.sums.iter_mut().zip(means) {
+                    *sum += mean / length as f64;
+                    self.squares += mean.norm_sqr() / (length * length) as f64;
+                }
+                self.means += 1;
+            }
+        }
     }
 
     /// The offset of each channel; zeros where there is none.
     pub(super) fn means(&self) -> Vec<Complex32> {
-        let frames = self.frames as f64;
-        let alike = self.sums.iter().map(Complex64::norm_sqr).sum::<f64>() / frames;
-        let is_offset = self.frames >= OFFSET_FRAMES && alike > OFFSET_SHARE * self.squares;
-        let mean = |sum: &Complex64| Complex32::new((sum.re / frames) as f32, (sum.im / frames) as f32);
+        let count = self.means as f64;
+        let alike = self.sums.iter().map(Complex64::norm_sqr).sum::<f64>() / count;
+        let is_offset = 2 * self.means >= OFFSET_PARTS && alike > OFFSET_SHARE * self.squares;
+        let mean = |sum: &Complex64| Complex32::new((sum.re / count) as f32, (sum.im / count) as f32);
         self.sums.iter().map(|sum| if is_offset { mean(sum) } else { Complex32::default() }).collect()
     }
 }

@@ -66,6 +66,10 @@ fn spectrum(frames: &Frames, rate_hz: f64) -> Vec<[f64; 2]> {
             *value *= 0.5 - 0.5 * part.cos();
         }
         fft.process(&mut bins);
+        // One sample that is no number makes all bins none.
+        if !bins.iter().all(|value| value.is_finite()) {
+            continue;
+        }
         for (sum, value) in power.iter_mut().zip(&bins) {
             *sum += f64::from(value.norm_sqr());
         }
@@ -80,4 +84,24 @@ fn spectrum(frames: &Frames, rate_hz: f64) -> Vec<[f64; 2]> {
         [(middle - (samples / 2) as f64) * bin_hz, 10.0 * (strongest / most).log10()]
     };
     power.chunks(width).enumerate().map(point).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use num_complex::Complex32;
+
+    use super::*;
+    use crate::tools::frames::Samples;
+
+    #[test]
+    fn a_sample_that_is_no_number_does_not_empty_the_spectrum() {
+        let tone = |at: usize| Complex32::from_polar(1.0, 0.25 * std::f32::consts::TAU * at as f32);
+        let mut values: Vec<_> = (0..2 * 2 * 64).map(tone).collect();
+        values[70] = Complex32::new(f32::NAN, 0.0);
+        let read = Samples { channels: 2, samples: 64, values, is_real: false, kind: String::new() };
+        let spectrum = spectrum(&Frames::checked(read, 2).unwrap(), 64.0);
+        let highest = spectrum.iter().max_by(|a, b| a[1].total_cmp(&b[1])).unwrap();
+        assert_eq!(*highest, [16.0, 0.0]);
+        assert!(spectrum[10][1] < -40.0, "{spectrum:?}");
+    }
 }

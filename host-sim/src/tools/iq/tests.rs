@@ -181,3 +181,42 @@ fn a_tone_at_half_the_sample_rate_is_heard_around_it() {
         assert!(valid(&lines) == 20 && lines.iter().all(hears), "{hz} Hz: {:?}", lines.first());
     }
 }
+
+/// Adds what a receiver has at 0 Hz, of another phase in each channel.
+fn add_offset(values: &mut [Complex32], channels: usize, amplitude: f32) {
+    for (at, channel) in values.chunks_exact_mut(N).enumerate() {
+        let offset = Complex32::from_polar(amplitude, 1.9 * (at % channels) as f32);
+        channel.iter_mut().for_each(|value| *value += offset);
+    }
+}
+
+#[test]
+fn an_offset_is_no_source_in_a_short_recording_or_beside_a_sample_that_is_no_number() {
+    let antennas_m = ring(4, 0.28);
+    let mut rng = Rng::new(37, 0);
+    for count in [1, 2, 7, 8, 16] {
+        for is_damaged in [false, true] {
+            let mut values = white(4, count, &mut rng);
+            add_offset(&mut values, 4, 0.3);
+            if is_damaged {
+                values[N + 100].re = f32::NAN;
+            }
+            let lines = find(&frames(4, N, false, values), &array(&antennas_m, ""), 1).unwrap();
+            let found = lines.iter().filter(|line| line.line.azimuth_deg.is_some()).count();
+            assert_eq!(found, 0, "{count} frames, damaged: {is_damaged}");
+            assert_eq!(lines[0].line.flags.contains(&"not_finite"), is_damaged);
+        }
+    }
+}
+
+#[test]
+fn most_of_a_recording_left_out_is_warned_of() {
+    let mut rng = Rng::new(38, 0);
+    let mut values = white(4, 16, &mut rng);
+    assert_eq!(frames(4, N, false, values.clone()).warning(), None);
+    add_offset(&mut values, 4, 0.7);
+    assert_eq!(frames(4, N, false, values.clone()).warning(), None);
+    add_offset(&mut values, 4, 1.0);
+    let text = frames(4, N, false, values).warning().unwrap();
+    assert!(text.starts_with("74 % of the power are at 0 Hz"), "{text}");
+}

@@ -148,7 +148,7 @@ fn estimate(estimator: &mut Estimator, payload: &[u8], header: &Header, at: Inst
     let piece = header.length.min(FRAME);
     let begins = (0..=header.length - piece).step_by(piece);
     let pieces = |begin: usize| samples.chunks_exact(header.length).map(move |channel| &channel[begin..begin + piece]);
-    let mut offset = Offset::new(header.channels);
+    let mut offset = Offset::new(header.channels, header.length / piece);
     begins.clone().for_each(|begin| offset.add(pieces(begin)));
     let means = offset.means();
     for begin in begins {
