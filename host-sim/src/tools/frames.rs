@@ -56,6 +56,8 @@ pub(super) struct Samples {
     /// The frames, channel after channel.
     pub(super) values: Vec<Complex32>,
     pub(super) is_real: bool,
+    /// How many samples of the last frame are in the one before as well.
+    pub(super) repeated: usize,
     /// The format.
     pub(super) kind: String,
 }
@@ -64,6 +66,11 @@ pub(super) struct Samples {
 /// left out.
 pub(super) fn frame_starts(samples: usize, frame: usize) -> impl Iterator<Item = usize> {
     (0..samples.div_ceil(frame)).map(move |k| (k * frame).min(samples - frame))
+}
+
+/// How many samples of the last of these frames are in the one before as well.
+pub(super) fn repeated(samples: usize, frame: usize) -> usize {
+    samples.div_ceil(frame) * frame - samples
 }
 
 /// Frames of four channels of signed 12-bit samples.

@@ -37,6 +37,8 @@ pub struct Frames {
     values: Vec<Complex32>,
     /// Whether the samples are real.
     is_real: bool,
+    /// How many samples of the last frame are in the one before as well.
+    repeated: usize,
     kind: String,
     /// Of each channel.
     means: Vec<Complex32>,
@@ -72,7 +74,7 @@ impl Frames {
     }
 
     pub(super) fn checked(read: Samples, antennas: usize) -> Result<Self, InputError> {
-        let Samples { channels, samples, values, is_real, kind } = read;
+        let Samples { channels, samples, values, is_real, repeated, kind } = read;
         let wrong = |text: String| Err(InputError::new(text));
         if channels != antennas {
             return wrong(format!("channels = {channels}: antennas_m has {antennas}, shape (frames, channels, N)"));
@@ -87,7 +89,7 @@ impl Frames {
         for frame in values.chunks_exact(channels * samples) {
             offset.add(frame.chunks_exact(samples));
         }
-        Ok(Self { channels, samples, values, is_real, kind, means: offset.means() })
+        Ok(Self { channels, samples, values, is_real, repeated, kind, means: offset.means() })
     }
 
     /// What was read.
@@ -157,6 +159,7 @@ fn read_frames(bytes: &[u8]) -> Result<Samples, InputError> {
         samples: size(samples),
         values,
         is_real: false,
+        repeated: 0,
         kind: "complex64".to_owned(),
     })
 }
@@ -177,7 +180,7 @@ fn whole<T: npyz::Deserialize + Into<f32>>(bytes: &[u8], dtype: &str, full: f32)
         complex.push(Complex32::new(re, im));
     }
     let kind = format!("{dtype}, I and Q");
-    Ok(Samples { channels: size(channels), samples: size(samples), values: complex, is_real: false, kind })
+    Ok(Samples { channels: size(channels), samples: size(samples), values: complex, is_real: false, repeated: 0, kind })
 }
 
 /// The results, one for each `looks` frames.
@@ -204,7 +207,10 @@ pub(super) fn find_watched(
     estimator.check_enough(looks)?;
     let mut lines = Vec::with_capacity(frames.count() / looks);
     for (frame, values) in frames.values.chunks_exact(frames.channels * frames.samples).enumerate() {
-        estimator.add(values, &frames.means);
+        // Joined with the frame before, its samples count once.
+        let is_repeated = looks > 1 && frame + 1 == frames.count();
+        let repeated = if is_repeated { frames.repeated as f32 / frames.samples as f32 } else { 0.0 };
+        estimator.add(values, &frames.means, 1.0 - repeated);
         if (frame + 1) % looks == 0 {
             watch(&estimator.sums.covariance);
             let mut line = ArrayLine::new(frame, None, &estimator.take(frame as u64));
@@ -252,11 +258,11 @@ impl Estimator {
         )))
     }
 
-    /// Takes a frame, channel after channel, less the mean of each channel.
-    pub(super) fn add(&mut self, values: &[Complex32], means: &[Complex32]) {
+    /// Takes a frame, channel after channel, less the mean of each channel; it counts for a share.
+    pub(super) fn add(&mut self, values: &[Complex32], means: &[Complex32], share: f32) {
         let less = |(channel, mean): (&[Complex32], &Complex32)| channel.iter().map(|value| value - mean).collect();
         let channels = values.chunks_exact(self.samples).zip(means).map(less).collect::<Vec<_>>();
-        self.band.add(&self.beam, &channels, &mut self.sums);
+        self.band.add(&self.beam, &channels, share, &mut self.sums);
     }
 
     /// The bearing of the frames since the last bearing.

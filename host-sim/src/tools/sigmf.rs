@@ -9,7 +9,7 @@ use std::path::Path;
 use num_complex::Complex32;
 use serde_json::Value;
 
-use super::frames::{FRAME, Samples, frame_starts};
+use super::frames::{FRAME, Samples, frame_starts, repeated};
 use crate::scenario::input::{InputError, read_bytes, read_text};
 
 /// Reads a recording.
@@ -125,6 +125,7 @@ impl Meta {
             }
         }
         let Self { datatype, channels } = self;
-        Ok(Samples { channels, samples, values, is_real: false, kind: datatype.name().to_owned() })
+        let repeated = repeated(bytes.len() / one, samples);
+        Ok(Samples { channels, samples, values, is_real: false, repeated, kind: datatype.name().to_owned() })
     }
 }

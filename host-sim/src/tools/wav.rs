@@ -7,7 +7,7 @@ use std::path::Path;
 use hound::{SampleFormat, WavReader};
 use num_complex::Complex32;
 
-use super::frames::{FRAME, Samples, frame_starts};
+use super::frames::{FRAME, Samples, frame_starts, repeated};
 use crate::scenario::input::{InputError, read_bytes};
 
 /// Format tag of a header that tells valid bits and room apart.
@@ -68,7 +68,8 @@ fn parse(bytes: &[u8], antennas: usize, sample_rate_hz: f64) -> Result<Samples, 
     let sort = if is_real { "real samples" } else { "I and Q" };
     let format = if spec.sample_format == SampleFormat::Float { "float" } else { "int" };
     let width = valid.map_or_else(|| bits.to_string(), |valid| format!("{valid} in {bits} bits"));
-    Ok(Samples { channels: antennas, samples, values, is_real, kind: format!("WAV {format}{width}, {sort}") })
+    let repeated = repeated(count, samples);
+    Ok(Samples { channels: antennas, samples, values, is_real, repeated, kind: format!("WAV {format}{width}, {sort}") })
 }
 
 /// The file with as many valid bits as a sample has room for, and how many it said if these were fewer: the valid ones are the upper, and

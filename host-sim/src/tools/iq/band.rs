@@ -195,8 +195,8 @@ impl Band {
         hz - self.rate_hz * (hz / self.rate_hz).round()
     }
 
-    /// Adds a frame.
-    pub(super) fn add(&self, beam: &Beam, channels: &[Vec<Complex32>], sums: &mut Sums) {
+    /// Adds a frame, which counts for a share.
+    pub(super) fn add(&self, beam: &Beam, channels: &[Vec<Complex32>], share: f32, sums: &mut Sums) {
         let mut best: Option<Heard> = None;
         for window in &self.windows {
             let heard = self.hear(beam, window, channels);
@@ -209,12 +209,12 @@ impl Band {
             }
         }
         let Some(heard) = best else { return };
-        let worth = heard.worth * heard.left.flatness;
+        let worth = share * heard.worth * heard.left.flatness;
         sums.covariance.join(&heard.covariance, worth);
         sums.wave += worth * heard.wave;
         sums.leak += worth * heard.leak;
-        sums.moment += heard.moment;
-        sums.power += heard.power;
+        sums.moment += f64::from(share) * heard.moment;
+        sums.power += f64::from(share) * heard.power;
     }
 
     fn hear(&self, beam: &Beam, window: &Window, channels: &[Vec<Complex32>]) -> Heard {

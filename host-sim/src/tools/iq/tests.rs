@@ -20,7 +20,7 @@ fn array(antennas_m: &[[f64; 2]], keys: &str) -> RadioArray {
 }
 
 fn frames(channels: usize, samples: usize, is_real: bool, values: Vec<Complex32>) -> Frames {
-    let read = Samples { channels, samples, values, is_real, kind: "made".to_owned() };
+    let read = Samples { channels, samples, values, is_real, repeated: 0, kind: "made".to_owned() };
     Frames::checked(read, channels).unwrap()
 }
 
@@ -219,4 +219,22 @@ fn most_of_a_recording_left_out_is_warned_of() {
     add_offset(&mut values, 4, 1.0);
     let text = frames(4, N, false, values).warning().unwrap();
     assert!(text.starts_with("74 % of the power are at 0 Hz"), "{text}");
+}
+
+#[test]
+fn samples_that_two_frames_have_in_common_count_once() {
+    const MORE: usize = 10;
+    let antennas_m = ring(8, 0.5);
+    let mut rng = Rng::new(39, 0);
+    let mut found = 0;
+    for _ in 0..150 {
+        // The last frame ends with the recording.
+        let recorded: Vec<_> = (0..8).map(|_| (0..N + MORE).map(|_| normal(&mut rng)).collect::<Vec<_>>()).collect();
+        let values =
+            [0, MORE].iter().flat_map(|from| recorded.iter().flat_map(move |all| all[*from..from + N].to_vec()));
+        let mut frames = frames(8, N, false, values.collect());
+        frames.repeated = N - MORE;
+        found += usize::from(find(&frames, &array(&antennas_m, ""), 2).unwrap()[0].line.azimuth_deg.is_some());
+    }
+    assert!(found <= 1, "{found} of 150 recordings of noise have a source");
 }

@@ -152,7 +152,7 @@ fn estimate(estimator: &mut Estimator, payload: &[u8], header: &Header, at: Inst
     begins.clone().for_each(|begin| offset.add(pieces(begin)));
     let means = offset.means();
     for begin in begins {
-        estimator.add(&pieces(begin).collect::<Vec<_>>().concat(), &means);
+        estimator.add(&pieces(begin).collect::<Vec<_>>().concat(), &means, 1.0);
     }
     let mut bearing = estimator.take(0).bearing;
     if header.is_overdriven {
