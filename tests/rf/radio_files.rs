@@ -231,6 +231,19 @@ impl Reports {
         event.extend(parameters);
         event
     }
+
+    /// The same of a connection: with the radio mode and the channel before the strength.
+    fn connection(&mut self, handle: u16, azimuth: f64, amplitude: f64) -> Vec<u8> {
+        let mut event = self.event(handle, azimuth, amplitude);
+        event[2] = 0x16;
+        event.insert(5, 1);
+        event[1] += 1;
+        event
+    }
+}
+
+fn text_of(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
 }
 
 fn h4(events: &[Vec<u8>]) -> Vec<u8> {
@@ -293,6 +306,17 @@ fn bluetooth_iq_reports_give_bearings() {
         assert!(String::from_utf8(output.stderr).unwrap().contains("24 IQ reports, 24 of them with samples to use"));
         assert_eq!(String::from_utf8(output.stdout).unwrap().lines().count(), 6);
     }
+    // Of several transmitters nobody chooses how many packets come of each; a handle of a connection is not that of a train.
+    let mut mixed = events.clone();
+    mixed.truncate(23);
+    for event in mixed.iter_mut().skip(1).step_by(2) {
+        *event = radio.connection(1, -1.9, 60.0);
+    }
+    std::fs::write(files.path("mixed.h4"), h4(&mixed)).unwrap();
+    let lines = files.lines("--switched", "mixed.h4", &Reports::array(), &["--looks", "5"]);
+    assert_eq!(lines.iter().map(|line| number(line, "emitter")).collect::<Vec<_>>(), [1.0, 4097.0, 1.0, 4097.0]);
+    let output = files.bearing("--switched", "mixed.h4", &Reports::array(), &["--looks", "5"]);
+    assert!(text_of(&output.stderr).contains("3 of 23 packets make no group of 5 of one transmitter"));
     // An extension of a departure, a wrong checksum, no room for samples, an invalid sample: no signal.
     let mut none = events[0][..15].to_vec();
     (none[1], none[11], none[14]) = (13, 0xFF, 0);

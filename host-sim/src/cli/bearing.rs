@@ -39,7 +39,7 @@ sample_rate_hz, optional tone_band_hz (the occupied band, about zero), sigma_flo
 Looks: of an array that moves, from 4 on, direct path and one reflection are told apart (MUSIC over the looks); others are \
 averaged. Where nothing moves and most looks do not fit a plane wave the answer is their median. --yaw gives the heading of the \
 array; the azimuth is that in the body frame of the last look. --switched joins packets of one transmitter, --iq \
-frames. Frames left over at the end are an error (with --emitter a note).
+frames. Frames left over at the end are an error (of several transmitters a note).
 
 Lines of --switched and --iq also have mirror_deg (the other answer of antennas on a line) and ambiguities (how many \
 directions fit nearly as well).
@@ -138,7 +138,7 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
         let (lines, left) = switched::find(&packets, &array, looks)?;
         let count = packets.count();
         // The user does not choose who sends when: an incomplete group of a transmitter is not an error.
-        if args.emitter.is_none() || lines.is_empty() {
+        if (args.emitter.is_none() && packets.transmitters() < 2) || lines.is_empty() {
             refuse_left(left, count, "packets", looks)?;
         } else if left != 0 {
             cli.note(&format!("note: {left} of {count} packets make no group of {looks} of one transmitter"));

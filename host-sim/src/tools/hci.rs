@@ -5,7 +5,7 @@
 
 use foxhound_computer::iq::{self, Array, Samples};
 use foxhound_core::signal::phase::Complex;
-use foxhound_link::radio::hci::{self, IqReport, Refused};
+use foxhound_link::radio::hci::{self, IqReport, Link, Refused};
 
 use super::radio_array::RadioArray;
 use crate::scenario::input::InputError;
@@ -37,7 +37,16 @@ pub(super) struct Reports {
 fn packet(report: &IqReport, array: &RadioArray) -> Result<Packet, InputError> {
     let Array { switch, .. } = array_of(array)?;
     let Samples { reference, slots } = iq::samples(report, &switch)?.unwrap_or_default();
-    Ok(Packet { emitter: i32::from(report.handle), reference: reference.to_vec(), values: slots.to_vec() })
+    Ok(Packet { emitter: emitter(report), reference: reference.to_vec(), values: slots.to_vec() })
+}
+
+/// Number of a report's transmitter. Connections and trains have handles of their own, of twelve bits.
+fn emitter(report: &IqReport) -> i32 {
+    let link = match report.link {
+        Link::Advertising => 0,
+        Link::Connection => 1,
+    };
+    i32::from(report.handle) | link << 12
 }
 
 /// The array behind a switch that a file describes.

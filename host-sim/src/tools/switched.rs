@@ -1,6 +1,6 @@
 //! `foxhound bearing --switched`: from recorded packets of an array behind a switch to bearings.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use foxhound_core::base::time::Instant;
@@ -93,6 +93,12 @@ impl Packets {
     #[must_use]
     pub fn count(&self) -> usize {
         self.packets.len()
+    }
+
+    /// Number of transmitters.
+    #[must_use]
+    pub fn transmitters(&self) -> usize {
+        self.packets.iter().map(|packet| packet.emitter).collect::<HashSet<_>>().len()
     }
 
     /// What was read.
