@@ -278,8 +278,8 @@ fn btsnoop(kind: u32, events: &[Vec<u8>]) -> Vec<u8> {
     file
 }
 
-/// Bluetooth IQ reports in btsnoop files and H4 bytes give bearings of each transmitter, told apart by handle; reports without usable samples give
-/// none, and invalid ones are refused by field.
+/// Bluetooth IQ reports in btsnoop files and H4 bytes give bearings of each transmitter, told apart by handle and link; reports without usable samples
+/// give none, and foreign or invalid ones are counted, and refused by field where there are no others.
 #[test]
 fn bluetooth_iq_reports_give_bearings() {
     let files = Files::new();
@@ -350,7 +350,17 @@ fn bluetooth_iq_reports_give_bearings() {
     assert!(refused(b"", &array).contains("no IQ report"));
     let mut wrong = good.clone();
     wrong[1 + 11] = 7;
-    assert!(refused(&wrong, &array).contains("report 0: Packet_Status = 7"));
+    // One report that cannot be, and one with slots of another length, are counted; where all are so the first is named.
+    wrong[events[0].len() + 1 + 1 + 9 + 1] = 1;
+    std::fs::write(files.path("wrong.h4"), &wrong).unwrap();
+    let output = files.bearing("--switched", "wrong.h4", &array, &[]);
+    let note = text_of(&output.stderr);
+    assert!(note.contains("24 IQ reports, 22 of them with samples to use"), "{note}");
+    assert!(note.contains("2 not of this array or not valid, the first is report 0: Packet_Status = 7"), "{note}");
+    let lines = files.lines("--switched", "wrong.h4", &array, &[]);
+    assert_eq!((lines.len(), lines.iter().filter(|line| line["valid"] == true).count()), (23, 22));
+    let all = h4(&vec![wrong[1..=events[0].len()].to_vec(); 3]);
+    assert!(refused(&all, &array).contains("report 0: Packet_Status = 7"));
     let snoop = &captures[2].1;
     assert!(refused(&snoop[..snoop.len() - 1], &array).contains("truncated: record 24"));
     assert!(refused(&snoop[..12], &array).contains("the header of btsnoop has 16"));

@@ -3,6 +3,8 @@
 //! btsnoop is a header of sixteen bytes (`btsnoop\0`, version 1, kind of packets) and records of a header of 24 bytes and a packet; numbers
 //! are big-endian. Kinds: 1001 (H1, no packet type: flags tell what a packet is), 1002 (H4) and 2001 (Linux' monitor).
 
+use std::fmt::Write as _;
+
 use foxhound_computer::iq::{self, Array, Samples};
 use foxhound_core::signal::phase::Complex;
 use foxhound_link::radio::hci::{self, IqReport, Link, Refused};
@@ -15,6 +17,9 @@ const MAGIC: &[u8] = b"btsnoop\0";
 const RECORD_MAX: usize = 1 << 20;
 /// Opcode of an event in the monitor format.
 const MONITOR_EVENT: u32 = 3;
+
+/// A report, or which of its fields is invalid.
+type Report = Result<IqReport, Refused>;
 
 /// A packet of an array behind a switch; an unusable one has no samples.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -37,6 +42,9 @@ pub(super) struct Reports {
 fn packet(report: &IqReport, array: &RadioArray) -> Result<Packet, InputError> {
     let Array { switch, .. } = array_of(array)?;
     let Samples { reference, slots } = iq::samples(report, &switch)?.unwrap_or_default();
+    if !slots.is_empty() {
+        switch.build(slots.len(), 1)?;
+    }
     Ok(Packet { emitter: emitter(report), reference: reference.to_vec(), values: slots.to_vec() })
 }
 
@@ -61,27 +69,45 @@ pub(super) fn array_of(array: &RadioArray) -> Result<Array, InputError> {
 /// Reads a file.
 ///
 /// # Errors
-/// The file is truncated or has no report, a field of a report is invalid, or a key of the array file contradicts it.
+/// The file is truncated or has no report that can be used: of the first, the field that is invalid or the key of the array file that contradicts it.
 pub(super) fn read(bytes: &[u8], array: &RadioArray) -> Result<Reports, InputError> {
     let (reports, kind) = if bytes.starts_with(MAGIC) { (btsnoop(bytes)?, "btsnoop") } else { (h4(bytes)?, "H4") };
-    if reports.is_empty() {
+    let count = reports.len();
+    if count == 0 {
         return Err(InputError::new(format!(
             "no IQ report (LE meta event 0x15 or 0x16) in {} bytes of {kind}",
             bytes.len()
         )));
     }
-    let mut packets = Vec::with_capacity(reports.len());
-    for (at, report) in reports.iter().enumerate() {
-        let named = |error: InputError| InputError::new(format!("report {at}: {error}"));
-        packets.push(packet(report, array).map_err(named)?);
+    let mut packets = Vec::with_capacity(count);
+    // Reports of another array or with a field that cannot be: the first, and how many.
+    let (mut foreign, mut first) = (0, None);
+    for (at, report) in reports.into_iter().enumerate() {
+        let read = match report {
+            Ok(report) => packet(&report, array).map_err(|error| {
+                packets.push(Packet { emitter: emitter(&report), ..Packet::default() });
+                InputError::new(format!("report {at}: {error}"))
+            }),
+            Err(why) => Err(refused(at, why)),
+        };
+        match read {
+            Ok(packet) => packets.push(packet),
+            Err(error) => {
+                foreign += 1;
+                first.get_or_insert(error);
+            }
+        }
     }
-    let usable = reports.iter().filter(|report| report.is_usable()).count();
+    let usable = packets.iter().filter(|packet| !packet.values.is_empty()).count();
     if usable == 0 {
         let text =
             "none of the IQ reports is of an arrival extension that came whole (CTE_Type 0, Packet_Status 0, samples)";
-        return Err(InputError::new(format!("{text}: {} reports", reports.len())));
+        return Err(first.unwrap_or_else(|| InputError::new(format!("{text}: {count} reports"))));
     }
-    let taken = format!("{} IQ reports, {usable} of them with samples to use, {kind}", reports.len());
+    let mut taken = format!("{count} IQ reports, {usable} of them with samples to use, {kind}");
+    if let Some(first) = first {
+        let _ = write!(taken, "; {foreign} not of this array or not valid, the first is {first}");
+    }
     Ok(Reports { packets, taken })
 }
 
@@ -90,12 +116,12 @@ fn refused(at: usize, refused: Refused) -> InputError {
 }
 
 /// The reports in the bytes of a serial line.
-fn h4(bytes: &[u8]) -> Result<Vec<IqReport>, InputError> {
+fn h4(bytes: &[u8]) -> Result<Vec<Report>, InputError> {
     let mut reader = hci::Reader::new();
     let mut reports = Vec::new();
     for byte in bytes {
         if let Some(found) = reader.push(*byte) {
-            reports.push(found.map_err(|why| refused(reports.len(), why))?);
+            reports.push(found);
         }
     }
     let skipped = reader.counters().skipped;
@@ -109,7 +135,7 @@ fn h4(bytes: &[u8]) -> Result<Vec<IqReport>, InputError> {
 }
 
 /// The reports in a btsnoop file.
-fn btsnoop(bytes: &[u8]) -> Result<Vec<IqReport>, InputError> {
+fn btsnoop(bytes: &[u8]) -> Result<Vec<Report>, InputError> {
     let word = |bytes: &[u8], at: usize| {
         let four = bytes.get(at..at + 4).and_then(|four| four.try_into().ok());
         four.map(u32::from_be_bytes)
@@ -144,8 +170,7 @@ fn btsnoop(bytes: &[u8]) -> Result<Vec<IqReport>, InputError> {
             1002 => packet.strip_prefix(&[4]),
             _ => (flags & 0xFFFF == MONITOR_EVENT).then_some(packet),
         };
-        let found = event.map(hci::report).transpose().map_err(|why| refused(reports.len(), why))?;
-        reports.extend(found.flatten());
+        reports.extend(event.and_then(|event| hci::report(event).transpose()));
     }
     Ok(reports)
 }
