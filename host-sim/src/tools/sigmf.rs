@@ -80,15 +80,18 @@ impl Meta {
                 return refuse(key, "not supported");
             }
         }
-        let captures = document["captures"].as_array().map_or(&[][..], Vec::as_slice);
+        let captures = match document.get("captures") {
+            None => &[][..],
+            Some(Value::Array(captures)) => captures,
+            Some(other) => return Err(InputError::new(format!("captures = {other}: expected a list"))),
+        };
         if captures.len() > 1 {
             let text =
                 format!("captures: {} segments; a frame would span two, cut the recording there", captures.len());
             return Err(InputError::new(text));
         }
         for (at, capture) in captures.iter().enumerate() {
-            if capture["core:header_bytes"].as_u64().unwrap_or(0) > 0 {
-                let bytes = &capture["core:header_bytes"];
+            if let Some(bytes) = capture.get("core:header_bytes").filter(|bytes| **bytes != 0) {
                 return Err(InputError::new(format!("captures[{at}].core:header_bytes = {bytes}: not supported")));
             }
         }
@@ -127,5 +130,27 @@ impl Meta {
         let Self { datatype, channels } = self;
         let repeated = repeated(bytes.len() / one, samples);
         Ok(Samples { channels, samples, values, is_real: false, repeated, kind: datatype.name().to_owned() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(captures: &str) -> Option<String> {
+        let global = r#"{"core:datatype": "cf32_le", "core:num_channels": 4, "core:sample_rate": 1e6}"#;
+        let text = format!("{{\"global\": {global}, \"captures\": {captures}}}");
+        Meta::parse(&text, 1e6).err().map(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_header_that_is_not_skipped_is_refused_by_name() {
+        assert_eq!(refused("[]"), None);
+        assert_eq!(refused(r#"[{"core:header_bytes": 0, "core:sample_start": 0}]"#), None);
+        for bytes in ["48", "\"48\"", "48.0", "-48", "null", "[48]"] {
+            let text = refused(&format!("[{{\"core:header_bytes\": {bytes}}}]"));
+            assert_eq!(text, Some(format!("captures[0].core:header_bytes = {bytes}: not supported")));
+        }
+        assert_eq!(refused("{}"), Some("captures = {}: expected a list".to_owned()));
     }
 }
