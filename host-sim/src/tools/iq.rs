@@ -56,7 +56,7 @@ impl Frames {
             endings.iter().any(|ending| extension.eq_ignore_ascii_case(ending))
         };
         let read = if ends(&["sigmf-meta", "sigmf-data"]) {
-            sigmf::read(path, array.sample_rate_hz)?
+            sigmf::read(path, array)?
         } else if ends(&["wav"]) {
             wav::read(path, antennas, array.sample_rate_hz)?
         } else {

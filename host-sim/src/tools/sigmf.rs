@@ -10,15 +10,21 @@ use num_complex::Complex32;
 use serde_json::Value;
 
 use super::frames::{FRAME, Samples, frame_starts, repeated};
+use super::radio_array::RadioArray;
 use crate::scenario::input::{InputError, read_bytes, read_text};
+
+const LIGHT_M_S: f64 = 299_792_458.0;
+/// A carrier may be off the array's wavelength by this share.
+const UNLIKE: f64 = 0.05;
 
 /// Reads a recording.
 ///
 /// # Errors
 /// Names the file, the key and its value.
-pub(super) fn read(path: &Path, sample_rate_hz: f64) -> Result<Samples, InputError> {
+pub(super) fn read(path: &Path, array: &RadioArray) -> Result<Samples, InputError> {
     let (meta, data) = (path.with_extension("sigmf-meta"), path.with_extension("sigmf-data"));
-    let about = Meta::parse(&read_text(&meta)?, sample_rate_hz).map_err(|error| error.in_file(&meta))?;
+    let about = Meta::parse(&read_text(&meta)?, array.sample_rate_hz, array.beam.wavelength_m)
+        .map_err(|error| error.in_file(&meta))?;
     let bytes = read_bytes(&data)?;
     about.frames(&bytes).map_err(|error| error.in_file(&data))
 }
@@ -49,7 +55,7 @@ struct Meta {
 }
 
 impl Meta {
-    fn parse(text: &str, sample_rate_hz: f64) -> Result<Self, InputError> {
+    fn parse(text: &str, sample_rate_hz: f64, wavelength_m: f32) -> Result<Self, InputError> {
         let document: Value = serde_json::from_str(text).map_err(|error| InputError::new(error.to_string()))?;
         let Some(global) = document["global"].as_object() else {
             return Err(InputError::new("global: missing; not a SigMF description"));
@@ -93,6 +99,16 @@ impl Meta {
         for (at, capture) in captures.iter().enumerate() {
             if let Some(bytes) = capture.get("core:header_bytes").filter(|bytes| **bytes != 0) {
                 return Err(InputError::new(format!("captures[{at}].core:header_bytes = {bytes}: not supported")));
+            }
+            let Some(frequency) = capture.get("core:frequency").filter(|frequency| **frequency != 0) else { continue };
+            // The source is anywhere in the samples.
+            let carrier_hz = LIGHT_M_S / f64::from(wavelength_m);
+            let far_hz = UNLIKE * carrier_hz + 0.5 * sample_rate_hz;
+            if frequency.as_f64().is_none_or(|hz| hz != 0.0 && (hz - carrier_hz).abs() > far_hz) {
+                let text = format!(
+                    "captures[{at}].core:frequency = {frequency}: the array file has wavelength_m = {wavelength_m}"
+                );
+                return Err(InputError::new(format!("{text}, which is {:.1} MHz", carrier_hz / 1e6)));
             }
         }
         Ok(Self { datatype, channels })
@@ -140,7 +156,7 @@ mod tests {
     fn refused(captures: &str) -> Option<String> {
         let global = r#"{"core:datatype": "cf32_le", "core:num_channels": 4, "core:sample_rate": 1e6}"#;
         let text = format!("{{\"global\": {global}, \"captures\": {captures}}}");
-        Meta::parse(&text, 1e6).err().map(|error| error.to_string())
+        Meta::parse(&text, 1e6, 0.6909).err().map(|error| error.to_string())
     }
 
     #[test]
@@ -152,5 +168,19 @@ mod tests {
             assert_eq!(text, Some(format!("captures[0].core:header_bytes = {bytes}: not supported")));
         }
         assert_eq!(refused("{}"), Some("captures = {}: expected a list".to_owned()));
+    }
+
+    #[test]
+    fn a_carrier_that_contradicts_the_wavelength_is_refused() {
+        let told = |frequency: &str| refused(&format!("[{{\"core:frequency\": {frequency}}}]"));
+        for frequency in ["433.92e6", "450e6", "0", "0.0"] {
+            assert_eq!(told(frequency), None);
+        }
+        let text = told("868e6").unwrap();
+        assert!(
+            text.contains("core:frequency = 868000000.0: the array file has wavelength_m = 0.6909, which is 433.9 MHz"),
+            "{text}"
+        );
+        assert!(told("\"433.92e6\"").is_some() && told("400e6").is_some());
     }
 }
