@@ -328,6 +328,11 @@ fn bluetooth_iq_reports_give_bearings() {
     let lines = files.lines("--switched", "e.h4", &Reports::array(), &[]);
     assert!(lines[..4].iter().all(|line| line["valid"] == false && has(line, "no_signal")), "{:?}", &lines[..4]);
     assert!(lines[4..].iter().all(|line| line["valid"] == true));
+    // Clipped: flagged.
+    let loud: Vec<Vec<u8>> = (0..4).map(|_| radio.event(1, 0.7, 300.0)).collect();
+    std::fs::write(files.path("loud.h4"), h4(&loud)).unwrap();
+    let lines = files.lines("--switched", "loud.h4", &Reports::array(), &[]);
+    assert!(lines.iter().all(|line| has(line, "clip")), "{lines:?}");
     // Noise instead of a tone.
     let noise: Vec<Vec<u8>> = (0..200).map(|_| radio.event(3, 0.0, 0.0)).collect();
     std::fs::write(files.path("noise.h4"), h4(&noise)).unwrap();

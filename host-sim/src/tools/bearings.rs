@@ -96,6 +96,21 @@ impl ArrayLine {
     }
 }
 
+/// Share of the samples at the ends of the converter's range from which on they are taken for clipped, and from which on two or three
+/// antennas have no bearing: clipped phases come nearer to eighths of a turn, and so few antennas do not show that they do not fit.
+const CLIPPED: f64 = 0.001;
+const CLIPPED_MANY: f64 = 0.01;
+const CLIPPED_ANTENNAS: usize = 3;
+
+/// Flags a bearing of which so many samples are at the ends of the converter's range.
+pub(super) fn mark_clipped(bearing: &mut Bearing, clipped: usize, samples: usize, antennas: usize) {
+    let share = clipped as f64 / samples.max(1) as f64;
+    if share > CLIPPED {
+        bearing.flags = bearing.flags.with(Flags::CLIP);
+        bearing.valid &= share <= CLIPPED_MANY || antennas > CLIPPED_ANTENNAS;
+    }
+}
+
 impl Line {
     fn new(frame: usize, bearing: &Bearing) -> Self {
         let has_signal = !bearing.flags.contains(Flags::NO_SIGNAL);

@@ -58,6 +58,8 @@ pub(super) struct Samples {
     pub(super) is_real: bool,
     /// How many samples of the last frame are in the one before as well.
     pub(super) repeated: usize,
+    /// The least and the largest value that the format of whole numbers has.
+    pub(super) extremes: Option<[f32; 2]>,
     /// The format.
     pub(super) kind: String,
 }

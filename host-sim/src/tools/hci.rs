@@ -29,6 +29,8 @@ pub(super) struct Packet {
     pub(super) reference: Vec<Complex>,
     /// Samples of the slots.
     pub(super) values: Vec<Complex>,
+    /// How many samples are at the ends of the converter's range.
+    pub(super) clipped: usize,
 }
 
 /// The contents of a file.
@@ -45,7 +47,9 @@ fn packet(report: &IqReport, array: &RadioArray) -> Result<Packet, InputError> {
     if !slots.is_empty() {
         switch.build(slots.len(), 1)?;
     }
-    Ok(Packet { emitter: emitter(report), reference: reference.to_vec(), values: slots.to_vec() })
+    let is_extreme = |[i, q]: &&[i8; 2]| [i, q].iter().any(|part| part.unsigned_abs() >= 127);
+    let clipped = report.reference().iter().chain(report.slots()).filter(is_extreme).count();
+    Ok(Packet { emitter: emitter(report), reference: reference.to_vec(), values: slots.to_vec(), clipped })
 }
 
 /// Number of a report's transmitter. Connections and trains have handles of their own, of twelve bits.

@@ -14,7 +14,7 @@ use foxhound_core::doa::beam::{Arrival, Beam, Covariance, Source, can_tell};
 use foxhound_core::doa::bearing::Flags;
 use num_complex::{Complex32, Complex64};
 
-use super::bearings::ArrayLine;
+use super::bearings::{ArrayLine, mark_clipped};
 use super::frames::{Samples, npy_type, read_npy};
 use super::radio_array::RadioArray;
 use super::{sigmf, wav};
@@ -39,6 +39,8 @@ pub struct Frames {
     is_real: bool,
     /// How many samples of the last frame are in the one before as well.
     repeated: usize,
+    /// Samples of each frame at the ends of the format's range.
+    clipped: Vec<usize>,
     kind: String,
     /// Of each channel.
     means: Vec<Complex32>,
@@ -74,7 +76,7 @@ impl Frames {
     }
 
     pub(super) fn checked(read: Samples, antennas: usize) -> Result<Self, InputError> {
-        let Samples { channels, samples, values, is_real, repeated, kind } = read;
+        let Samples { channels, samples, values, is_real, repeated, extremes, kind } = read;
         let wrong = |text: String| Err(InputError::new(text));
         if channels != antennas {
             return wrong(format!("channels = {channels}: antennas_m has {antennas}, shape (frames, channels, N)"));
@@ -89,7 +91,13 @@ impl Frames {
         for frame in values.chunks_exact(channels * samples) {
             offset.add(frame.chunks_exact(samples));
         }
-        Ok(Self { channels, samples, values, is_real, repeated, kind, means: offset.means() })
+        let is_extreme = |value: &&Complex32| {
+            extremes
+                .is_some_and(|[least, most]| [value.re, value.im].iter().any(|part| *part <= least || *part >= most))
+        };
+        let clipped = values.chunks_exact(channels * samples).map(|frame| frame.iter().filter(is_extreme).count());
+        let (clipped, means) = (clipped.collect(), offset.means());
+        Ok(Self { channels, samples, values, is_real, repeated, clipped, kind, means })
     }
 
     /// What was read.
@@ -160,6 +168,7 @@ fn read_frames(bytes: &[u8]) -> Result<Samples, InputError> {
         values,
         is_real: false,
         repeated: 0,
+        extremes: None,
         kind: "complex64".to_owned(),
     })
 }
@@ -180,7 +189,15 @@ fn whole<T: npyz::Deserialize + Into<f32>>(bytes: &[u8], dtype: &str, full: f32)
         complex.push(Complex32::new(re, im));
     }
     let kind = format!("{dtype}, I and Q");
-    Ok(Samples { channels: size(channels), samples: size(samples), values: complex, is_real: false, repeated: 0, kind })
+    Ok(Samples {
+        channels: size(channels),
+        samples: size(samples),
+        values: complex,
+        is_real: false,
+        repeated: 0,
+        extremes: Some([-1.0, (full - 1.0) / full]),
+        kind,
+    })
 }
 
 /// The results, one for each `looks` frames.
@@ -213,7 +230,10 @@ pub(super) fn find_watched(
         estimator.add(values, &frames.means, 1.0 - repeated);
         if (frame + 1) % looks == 0 {
             watch(&estimator.sums.covariance);
-            let mut line = ArrayLine::new(frame, None, &estimator.take(frame as u64));
+            let clipped: usize = frames.clipped[frame + 1 - looks..=frame].iter().sum();
+            let mut arrival = estimator.take(frame as u64);
+            mark_clipped(&mut arrival.bearing, clipped, looks * frames.channels * frames.samples, frames.channels);
+            let mut line = ArrayLine::new(frame, None, &arrival);
             // Without a band no frequency is measured.
             line.line.freq_hz = line.line.freq_hz.filter(|_| estimator.band.bins().is_some());
             lines.push(line);

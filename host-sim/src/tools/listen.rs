@@ -98,7 +98,15 @@ mod tests {
         let tone = |at: usize| Complex32::from_polar(1.0, 0.25 * std::f32::consts::TAU * at as f32);
         let mut values: Vec<_> = (0..2 * 2 * 64).map(tone).collect();
         values[70] = Complex32::new(f32::NAN, 0.0);
-        let read = Samples { channels: 2, samples: 64, values, is_real: false, repeated: 0, kind: String::new() };
+        let read = Samples {
+            channels: 2,
+            samples: 64,
+            values,
+            is_real: false,
+            repeated: 0,
+            extremes: None,
+            kind: String::new(),
+        };
         let spectrum = spectrum(&Frames::checked(read, 2).unwrap(), 64.0);
         let highest = spectrum.iter().max_by(|a, b| a[1].total_cmp(&b[1])).unwrap();
         assert_eq!(*highest, [16.0, 0.0]);

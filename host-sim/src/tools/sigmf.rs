@@ -38,6 +38,16 @@ enum Datatype {
 }
 
 impl Datatype {
+    /// The least and the largest value.
+    const fn extremes(self) -> Option<[f32; 2]> {
+        match self {
+            Self::I16 => Some([-1.0, 32_767.0 / 32_768.0]),
+            Self::I8 => Some([-1.0, 127.0 / 128.0]),
+            Self::U8 => Some([-1.0, 1.0]),
+            Self::F32 => None,
+        }
+    }
+
     const fn name(self) -> &'static str {
         match self {
             Self::I16 => "SigMF ci16_le",
@@ -145,7 +155,15 @@ impl Meta {
         }
         let Self { datatype, channels } = self;
         let repeated = repeated(bytes.len() / one, samples);
-        Ok(Samples { channels, samples, values, is_real: false, repeated, kind: datatype.name().to_owned() })
+        Ok(Samples {
+            channels,
+            samples,
+            values,
+            is_real: false,
+            repeated,
+            extremes: datatype.extremes(),
+            kind: datatype.name().to_owned(),
+        })
     }
 }
 

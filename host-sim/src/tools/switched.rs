@@ -9,7 +9,7 @@ use foxhound_core::signal::phase::Complex;
 use foxhound_core::signal::switched::{SAMPLES_MAX, SLOTS_MAX};
 use num_complex::Complex32;
 
-use super::bearings::ArrayLine;
+use super::bearings::{ArrayLine, mark_clipped};
 use super::frames::read_npy;
 use super::hci;
 use super::hci::Packet;
@@ -116,6 +116,14 @@ fn parse_emitters(bytes: &[u8], packets: usize) -> Result<Vec<i32>, InputError> 
     Ok(emitters)
 }
 
+/// What a group was made of.
+#[derive(Default)]
+struct Taken {
+    packets: usize,
+    samples: usize,
+    clipped: usize,
+}
+
 /// The estimators of an array, one for each number of slots that packets have had.
 struct Estimators {
     array: RadioArray,
@@ -162,7 +170,7 @@ pub(super) fn find_watched(
     mut watch: impl FnMut(&Group),
 ) -> Result<(Vec<ArrayLine>, usize), InputError> {
     let mut estimators = Estimators::new(array, packets.samples);
-    let mut states: HashMap<i32, (Emitter, Group, usize)> = HashMap::new();
+    let mut states: HashMap<i32, (Emitter, Group, Taken)> = HashMap::new();
     let mut lines = Vec::with_capacity(packets.count() / looks);
     // A packet without samples counts as one of the longest.
     let longest = packets.packets.iter().map(|packet| packet.values.len()).max().unwrap_or_default() / packets.samples;
@@ -174,14 +182,17 @@ pub(super) fn find_watched(
             estimator.miss(group);
         } else {
             estimator.take_with(emitter, group, &packet.reference, &packet.values);
+            taken.clipped += packet.clipped;
+            taken.samples += packet.reference.len() + packet.values.len();
         }
-        *taken += 1;
-        if *taken == looks {
-            let arrival = estimator.bearing(group, Instant(frame as u64));
+        taken.packets += 1;
+        if taken.packets == looks {
+            let mut arrival = estimator.bearing(group, Instant(frame as u64));
+            mark_clipped(&mut arrival.bearing, taken.clipped, taken.samples, array.beam.count);
             lines.push(ArrayLine::new(frame, Some(packet.emitter), &arrival));
             watch(group);
-            (*group, *taken) = (Group::default(), 0);
+            (*group, *taken) = (Group::default(), Taken::default());
         }
     }
-    Ok((lines, states.values().map(|(_, _, taken)| taken).sum()))
+    Ok((lines, states.values().map(|(_, _, taken)| taken.packets).sum()))
 }

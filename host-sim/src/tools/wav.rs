@@ -69,7 +69,16 @@ fn parse(bytes: &[u8], antennas: usize, sample_rate_hz: f64) -> Result<Samples, 
     let format = if spec.sample_format == SampleFormat::Float { "float" } else { "int" };
     let width = valid.map_or_else(|| bits.to_string(), |valid| format!("{valid} in {bits} bits"));
     let repeated = repeated(count, samples);
-    Ok(Samples { channels: antennas, samples, values, is_real, repeated, kind: format!("WAV {format}{width}, {sort}") })
+    let extremes = (spec.sample_format == SampleFormat::Int).then_some([-1.0, (full - 1.0) / full]);
+    Ok(Samples {
+        channels: antennas,
+        samples,
+        values,
+        is_real,
+        repeated,
+        extremes,
+        kind: format!("WAV {format}{width}, {sort}"),
+    })
 }
 
 /// The file with as many valid bits as a sample has room for, and how many it said if these were fewer: the valid ones are the upper, and

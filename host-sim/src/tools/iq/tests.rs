@@ -20,7 +20,8 @@ fn array(antennas_m: &[[f64; 2]], keys: &str) -> RadioArray {
 }
 
 fn frames(channels: usize, samples: usize, is_real: bool, values: Vec<Complex32>) -> Frames {
-    let read = Samples { channels, samples, values, is_real, repeated: 0, kind: "made".to_owned() };
+    let (repeated, extremes) = (0, None);
+    let read = Samples { channels, samples, values, is_real, repeated, extremes, kind: "made".to_owned() };
     Frames::checked(read, channels).unwrap()
 }
 
@@ -237,4 +238,24 @@ fn samples_that_two_frames_have_in_common_count_once() {
         found += usize::from(find(&frames, &array(&antennas_m, ""), 2).unwrap()[0].line.azimuth_deg.is_some());
     }
     assert!(found <= 1, "{found} of 150 recordings of noise have a source");
+}
+
+#[test]
+fn samples_at_the_ends_of_the_range_are_flagged_and_make_no_bearing_of_three() {
+    let mut rng = Rng::new(40, 0);
+    for (antennas, amplitude, is_clipped) in [(3, 0.8, false), (3, 20.0, true), (5, 20.0, true)] {
+        let antennas_m = ring(antennas, 0.08 * antennas as f64);
+        let mut values = white(antennas, 4, &mut rng);
+        values.iter_mut().for_each(|value| *value *= 0.01);
+        add_tone(&mut values, &antennas_m, 0.5, amplitude, 0.2371);
+        let whole = |part: f32| (128.0 * part).round().clamp(-128.0, 127.0) / 128.0;
+        let values = values.iter().map(|value| Complex32::new(whole(value.re), whole(value.im))).collect();
+        let extremes = Some([-1.0, 127.0 / 128.0]);
+        let kind = "int8".to_owned();
+        let read = Samples { channels: antennas, samples: N, values, is_real: false, repeated: 0, extremes, kind };
+        for line in find(&Frames::checked(read, antennas).unwrap(), &array(&antennas_m, ""), 2).unwrap() {
+            assert_eq!(line.line.flags.contains(&"clip"), is_clipped, "{line:?}");
+            assert!(line.line.valid != (is_clipped && antennas == 3) || antennas > 3, "{line:?}");
+        }
+    }
 }
