@@ -97,7 +97,7 @@ fn company(id: Id, value: f32) -> Vec<(Id, f32)> {
         "FH_MARGIN" => &[("FH_MARGIN_TGT", 0.0)],
         "FH_MARGIN_TGT" => &[("FH_MARGIN", value)],
         "FH_SPD_MAX" => &[("FH_STALL_T", 100.0)],
-        "FH_RADIUS" => &[("FH_OBS_RANGE", 6.0)],
+        "FH_RADIUS" => &[("FH_OBS_RANGE", 6.0), ("FH_OBS_FOV", 360.0)],
         "FH_OBS_RANGE" => &[("FH_RADIUS", if value > 0.5 { 0.15 } else { 0.0 })],
         "FH_STALL_T" => &[("FH_STALL_R", 0.5)],
         "FH_STALL_R" => &[("FH_STALL_T", 600.0)],
