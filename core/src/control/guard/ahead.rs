@@ -14,6 +14,8 @@ const CREEP_MPS: f32 = 0.001;
 /// Half a path shorter than this is not checked by itself: the coverage of a place is valid for 7 cm around it.
 const SHORT_M: f32 = 0.06;
 
+/// Of a known obstacle's margin this much counts as known.
+const BESIDE_KNOWN_M: f32 = 0.05;
 /// Cosine and sine of the directions, off the direction of travel, in which the hull's front approaches an obstacle:
 /// up to 75 degrees. At 90 degrees it would pass it.
 const FRONT: [(f32, f32); 9] = [
@@ -119,14 +121,11 @@ impl Guard {
                     continue;
                 }
                 let cover = self.surveyor.cover(coverage, place);
-                // An unseen obstacle there would lie inside a known one, except for the margin around it, or what is
-                // left of that.
+                // An unseen obstacle there would lie inside a known one, except for the margin around it. Where that is wide
+                // the vehicle may be inside of it.
                 let is_known = |obstacle: &Neighbour| {
-                    let limit_m = obstacle.reach_m - reach_m + self.config.margin_m;
-                    let away = obstacle.center_ned_m.minus(place);
-                    limit_m > 0.0
-                        && away.norm_squared() < limit_m * limit_m
-                        && away.norm() < obstacle.reach_m - reach_m + obstacle.clearance_m(input.rest_ned_m)
+                    let limit_m = obstacle.reach_m - reach_m + self.config.margin_m.min(BESIDE_KNOWN_M);
+                    limit_m > 0.0 && obstacle.center_ned_m.minus(place).norm_squared() < limit_m * limit_m
                 };
                 if cover == Cover::Seen || near.iter().any(is_known) {
                     continue;
