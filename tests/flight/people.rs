@@ -157,7 +157,7 @@ fn recorded_people_who_do_not_step_aside_are_evaded() {
             ("scan of 72 sectors all round", SCAN_360, "arducopter", 20, 205),
             ("scan of 360 rays all round", RAYS_360, "arducopter", 12, 213),
             ("lidar on the computer's own line", LIDAR, "arducopter", 8, 217),
-            ("72 sectors at once", SCAN_360_AT_ONCE, "arducopter", 24, 201),
+            ("72 sectors at once", SCAN_360_AT_ONCE, "arducopter", 25, 200),
             ("360 rays at once", RAYS_360_AT_ONCE, "arducopter", 7, 218),
             ("72 sectors at once, evading at 2 m/s", SCAN_360_FAST_AT_ONCE, "arducopter", 17, 208),
             ("360 rays at once, evading at 2 m/s", RAYS_360_FAST_AT_ONCE, "arducopter", 6, 219),

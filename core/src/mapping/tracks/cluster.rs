@@ -9,7 +9,7 @@ use super::{CLUSTERS_MAX, Kept, RADIUS_M};
 use crate::base::math::{inverse_root, sqrt};
 use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
-use crate::base::units::{between, nearest, wrap_pi};
+use crate::base::units::{nearest, wrap_pi};
 use crate::mapping::scan::{Scan, Sector};
 
 /// A cluster longer than this is not an object.
@@ -71,10 +71,9 @@ impl View<'_> {
         };
         let center_ned_m = center.plus(pose.position_ned_m);
         let sigma_m = sigma_m(scan, &ends, range_m);
-        let [(_, from), (_, to)] = ends;
         // A hit of the first or the last ray may lie outside of the view from where the vehicle was in the middle of the turn.
-        let middle = 0.5 * (from + to) as f32;
-        let after_s = scan.after_s(between(middle, 0.0, scan.rays.len().saturating_sub(1) as f32));
+        let middle = hits.get(hits.len() / 2).map_or(0, |hit| ray_at(scan, pose, *hit)).max(0) as usize;
+        let after_s = scan.after_s(middle.min(scan.rays.len().saturating_sub(1)) as f32);
         Cluster { center_ned_m, sigma_m, ago_s: late_s - after_s, was_free: self.was_free(hits), track: None }
     }
 }
