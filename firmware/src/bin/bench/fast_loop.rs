@@ -30,8 +30,8 @@ const CEILING: u32 = 45_000;
 const CEILING_WORST: u32 = 950_000;
 /// With everything at once it is above that, since the tracks take the nearest of all of a scan; these ceilings keep it where it is,
 /// with a sensor on the nose and with one all round.
-const CEILING_EVERYTHING: u32 = 970_000;
-const CEILING_ALL_ROUND: u32 = 1_090_000;
+const CEILING_EVERYTHING: u32 = 975_000;
+const CEILING_ALL_ROUND: u32 = 1_095_000;
 /// The obstacle sensor scans at 10 Hz, the antennas deliver frames at 50 Hz.
 const STEPS_PER_LOOK: usize = 5;
 const STEP_US: u64 = 20_000;
