@@ -80,9 +80,7 @@ impl RangeSensor {
         if self.fov_rad >= ALL_AHEAD_RAD || hull_m + smallest_obstacle_m <= BESIDE_M {
             return Ok(());
         }
-        let why = Why::Inconsistent(
-            "with the smallest obstacle more than 1.35 m, which takes a sensor of a view of at least 155 degrees",
-        );
+        let why = Why::Inconsistent("with the smallest obstacle above 1.35 m: needs a view of 155 degrees");
         Err(ConfigError { field: "vehicle.radius_m", value: hull_m, why })
     }
 }
@@ -95,7 +93,7 @@ impl Default for RangeSensor {
 
 /// A view that covers a hull's front whichever way it flies with its nose ahead.
 const ALL_AHEAD_RAD: f32 = 2.7;
-/// The farthest that the front of a hull may be from its middle where the view is narrower.
+/// Largest sum of a hull's radius and the smallest obstacle's where the view is narrower.
 const BESIDE_M: f32 = 1.35;
 
 /// The geofence: a circle that the vehicle does not leave.

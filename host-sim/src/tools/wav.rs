@@ -69,7 +69,8 @@ fn parse(bytes: &[u8], antennas: usize, sample_rate_hz: f64) -> Result<Samples, 
     let format = if spec.sample_format == SampleFormat::Float { "float" } else { "int" };
     let width = valid.map_or_else(|| bits.to_string(), |valid| format!("{valid} in {bits} bits"));
     let repeated = repeated(count, samples);
-    let extremes = (spec.sample_format == SampleFormat::Int).then_some([-1.0, (full - 1.0) / full]);
+    let steps = 2.0_f32.powi(i32::from(valid.unwrap_or(bits).clamp(1, 32)) - 1);
+    let extremes = (spec.sample_format == SampleFormat::Int).then_some([-1.0, (steps - 1.0) / steps]);
     Ok(Samples {
         channels: antennas,
         samples,
@@ -140,5 +141,6 @@ mod tests {
         let wanted = [0, 2, 1, 3].map(|at: usize| values[at] as f32 / 8_388_608.0);
         assert_eq!(read.values.iter().map(|value| value.re).collect::<Vec<_>>(), wanted);
         assert_eq!(read.kind, "WAV int24 in 32 bits, real samples");
+        assert_eq!(read.extremes, Some([-1.0, 8_388_607.0 / 8_388_608.0]), "where it is clipped");
     }
 }

@@ -14,7 +14,7 @@ const CREEP_MPS: f32 = 0.001;
 /// Half a path shorter than this is not checked by itself: the coverage of a place is valid for 7 cm around it.
 const SHORT_M: f32 = 0.06;
 
-/// Of a known obstacle's margin this much counts as known.
+/// Only this much of the margin around a known obstacle counts as known.
 const BESIDE_KNOWN_M: f32 = 0.05;
 /// Cosine and sine of the directions, off the direction of travel, in which the hull's front approaches an obstacle:
 /// up to 75 degrees. At 90 degrees it would pass it.
@@ -121,8 +121,8 @@ impl Guard {
                     continue;
                 }
                 let cover = self.surveyor.cover(coverage, place);
-                // An unseen obstacle there would lie inside a known one, except for the margin around it. Where that is wide
-                // the vehicle may be inside of it.
+                // An unseen obstacle there would lie inside a known one, except for the margin around it. In a wide margin
+                // the vehicle itself may be.
                 let is_known = |obstacle: &Neighbour| {
                     let limit_m = obstacle.reach_m - reach_m + self.config.margin_m.min(BESIDE_KNOWN_M);
                     limit_m > 0.0 && obstacle.center_ned_m.minus(place).norm_squared() < limit_m * limit_m

@@ -40,8 +40,8 @@ impl Covariance {
         self.weight
     }
 
-    /// The same but for the scale: the trace is the sum of the weights, so that no product of two of its elements is too large. It is as it was
-    /// where there is nothing to divide by.
+    /// Scaled so that the trace is the sum of the weights: products of two elements do not overflow. Unchanged where the trace
+    /// is zero or not finite.
     pub(super) fn of_mean_one(&self) -> Self {
         let scale = self.weight / self.trace();
         if !(scale > 0.0) || !scale.is_finite() {

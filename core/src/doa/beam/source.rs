@@ -4,11 +4,12 @@
 //! `v = (tr R - P / n) / (n - 1)` and the likeliest source `S = (P / n - v) / n`. The bearing's variance is the Cramer-Rao bound of
 //! a Gaussian source, `v / (2 N S) (1 + v / (n S)) / G`, `G` the array's sensitivity ([`super::Peak::sensitivity`]).
 //!
-//! A source is there when the largest eigenvalue of the channels' coherence `R_ij / sqrt(R_ii R_jj)`, which knows nothing of their gains, stands
-//! above what noise alone reaches (Johnstone 2001, Ann. Stat. 29: `(1 + sqrt(n / N))^2` and its spread). When what is left beside the plane wave does as well, there is a second one: another
-//! emitter when the covariance has a second large eigenvalue, a reflection of the same when it has not. Two that are near each
-//! other leave nearly all of it along the derivative of the plane wave: the power there is also compared with that beside it, which takes
-//! less to stand out (the ratio of two variances with `2 N` and `2 N (n - 2)` degrees of freedom).
+//! A source is there when the largest eigenvalue of the channels' coherence `R_ij / sqrt(R_ii R_jj)`, which knows nothing
+//! of their gains, stands above what noise alone reaches (Johnstone 2001, Ann. Stat. 29: `(1 + sqrt(n / N))^2` and its
+//! spread). When what is left beside the plane wave does as well, there is a second one: another emitter when the
+//! covariance has a second large eigenvalue, a reflection of the same when it has not. Two that are near each other leave
+//! nearly all of it along the derivative of the plane wave: the power there is also compared with that beside it, which
+//! takes less to stand out (the ratio of two variances with `2 N` and `2 N (n - 2)` degrees of freedom).
 
 use core::f32::consts::PI;
 

@@ -1,8 +1,8 @@
 //! Tracks of moving objects: objects of one size, followed from scan to scan, each by a Kalman filter of constant velocity.
 //!
 //! The hits of a scan are cut into clusters where neighbours are apart. What is long, or straight and not short, is a wall and
-//! has no part in this. Of the others the centre is found (`cluster`), the nearest pair of cluster and track first, and a
-//! cluster without a track begins one.
+//! has no part in this. Of the others, the nearest if there are too many, the centre is found (`cluster`). Each is compared with
+//! the two tracks nearest to it, and the nearest pairs belong together; a cluster without a track begins one.
 //!
 //! A track moves when its speed is above what its filter doubts, and when hits of it lay where a scan of
 //! some tenths of a second ago had seen through: along a wall the view slides, and its pieces seem to, but nothing of

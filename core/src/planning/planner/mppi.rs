@@ -158,6 +158,12 @@ impl Memory {
         }
     }
 
+    fn forget(&mut self) {
+        let Self { window: _, path, progress, sought_ned_m, spent_on_source } = self;
+        path.clear();
+        (*progress, *sought_ned_m, *spent_on_source) = (Progress::NONE, None, 0);
+    }
+
     /// Forgets the way to the last place where this is another: the next one of a search, or the source after it, for which
     /// what was spent before counts on.
     #[inline(never)]
@@ -196,12 +202,11 @@ pub(super) fn plan(
     let source = locate(request, known);
     let toward = fence.nearest_inside(source.map_or(request.target_ned_m, |source| source.place_ned_m), start);
 
+    if request.begins {
+        workspace.memory.forget();
+    }
     workspace.memory.turn_to(request.search.as_ref().and(known));
     let Memory { window, path, progress, .. } = &mut workspace.memory;
-    if request.begins {
-        *progress = Progress::NONE;
-        path.clear();
-    }
     progress.step(start, toward);
     let keep_off = |obstacles: &mut Vec<Obstacle, CIRCLES_MAX>, as_measured: bool| {
         obstacles.clear();

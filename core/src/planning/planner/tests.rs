@@ -226,18 +226,26 @@ fn no_path_leads_out_of_the_fence() {
 }
 
 #[test]
-fn after_a_search_that_was_held_up_there_is_a_plan_to_the_source_again() {
+fn what_was_spent_on_a_search_or_before_the_beginning_does_not_count() {
     let explore = Some(explore::Config { limit_s: 600.0, ..explore::Config::default() });
     let planner = Config { explore, ..Config::default() }
         .build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT)
         .unwrap();
     let mut workspace = Workspace::default();
-    for id in 0..200 {
-        let search = Some(Search { now: Instant(1_000_000 + 700_000 * u64::from(id)), pose: Pose::default() });
-        planner.plan(&mut workspace, &PlanRequest { id, begins: id == 0, search, ..request() }, &[]);
-    }
-    let plan = planner.plan(&mut workspace, &PlanRequest { id: 200, ..request() }, &[]);
-    assert_eq!(plan.verdict, Verdict::Follow);
+    // A vehicle that is held up: it stays where it is.
+    let mut plans = |count: u32, begins: bool, searches: bool| {
+        (0..count).fold(Verdict::Brake, |_, id| {
+            let search = Search { now: Instant(1_000_000 + 700_000 * u64::from(id)), pose: Pose::default() };
+            let begins = begins && id == 0;
+            let request = PlanRequest { id, begins, search: searches.then_some(search), ..request() };
+            planner.plan(&mut workspace, &request, &[]).verdict
+        })
+    };
+    plans(200, true, true);
+    assert_eq!(plans(1, false, false), Verdict::Follow, "after a search");
+    assert_eq!(plans(200, false, false), Verdict::Brake);
+    plans(1, true, true);
+    assert_eq!(plans(1, false, false), Verdict::Follow, "it has begun anew with a search");
 }
 
 #[test]
@@ -256,5 +264,5 @@ fn no_bent_path_leads_out_of_the_fence_either() {
         ..request()
     };
     let plan = planner.plan(&mut Workspace::default(), &request, &[]);
-    assert!(plan.waypoints_ned_m.iter().all(|place| place.norm() < 4.6), "{plan:?}");
+    assert!(plan.verdict == Verdict::Follow && plan.waypoints_ned_m.iter().all(|place| place.norm() < 4.6), "{plan:?}");
 }

@@ -490,8 +490,9 @@ fn spread(window: &mut Window) {
     for (row, column, _) in NEIGHBOURS.into_iter().chain([(0, 0, 0)]) {
         let cell = origin.wrapping_add_signed(row + column);
         let is_open = |offset: isize| window.arrival(origin.wrapping_add_signed(offset)) != CLOSED;
-        // The start is always reached, even in a closed cell.
-        if cell == origin || is_open(row + column) && (is_open(row) || is_open(column)) {
+        // The start is always reached, even in a closed cell, and out of that the wave goes to every side.
+        let is_passable = !is_open(0) || is_open(row) || is_open(column);
+        if cell == origin || is_open(row + column) && is_passable {
             let distance = window.place_of(cell).minus(window.start_ned_m).norm() / window.cell_m;
             window.reach(cell, (distance * f32::from(UNIT)) as u16);
         }

@@ -125,7 +125,7 @@ fn what_lies_outside_of_the_fence_is_closed_and_nothing_else() {
 
 #[test]
 fn no_route_leads_through_a_gap_that_is_too_narrow() {
-    let mut rng = Rng::new(3, 3);
+    let (mut rng, mut routes) = (Rng::new(3, 3), 0);
     for case in 0..400 {
         // A row of pillars that leave no gap or next to none, and a place in the mouth of a gap on the other side.
         let along = Horizontal::from_bearing(core::f32::consts::TAU * rng.uniform() - core::f32::consts::PI);
@@ -140,6 +140,7 @@ fn no_route_leads_through_a_gap_that_is_too_narrow() {
         let gap = (half as f32 * (rng.uniform() - 0.5)) as i32;
         let aim = middle.plus(along.times(gap as f32 * pitch_m)).plus(across.times(0.06 + 0.25 * rng.uniform()));
         let route = march(middle.minus(across.times(0.9)), &row).route(aim);
+        routes += usize::from(route.len() > 1);
         for step in route.windows(2) {
             let [before_m, after_m] = [step[0], step[1]].map(|place| place.minus(middle).dot(across));
             let passes = before_m < 0.0 && after_m >= 0.0;
@@ -147,4 +148,11 @@ fn no_route_leads_through_a_gap_that_is_too_narrow() {
             assert!(!(passes && is_inside), "{case}: {step:?}");
         }
     }
+    assert!(routes > 300, "{routes}");
+}
+
+#[test]
+fn out_of_a_corner_that_is_too_close_the_wave_leaves_on_the_free_side() {
+    let window = march(Horizontal::default(), &[pillar(0.25, 0.0, 0.3), pillar(0.0, 0.25, 0.3)]);
+    assert!(window.arrival_m(Horizontal { north: -1.0, east: -1.0 }).is_some());
 }

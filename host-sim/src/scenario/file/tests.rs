@@ -300,7 +300,7 @@ fn every_number_has_limits_and_the_reader_keeps_them() {
                     "people[0]:",
                     "is inside",
                     "farther than the hull",
-                    "a view of at least",
+                    "a view of 155 degrees",
                     "only where sensor.model",
                 ];
                 assert!(about.iter().any(|one| error.contains(one)), "{path:?} = {limit}: {error}");
