@@ -5,7 +5,7 @@
 //!
 //! - **At 0 Hz** a direct-conversion receiver has an offset of its own, which looks like a source. Where the mean is much the same in
 //!   all frames, or in eight parts of fewer, it is taken out, and with it what a transmitter sends at less than about half a turn in all of it.
-//! - **Samples and bins count for less where noise is not white**, and a bearing to what stands beside the band is not valid, see [`band`].
+//! - **Samples and bins count for less where noise is not white**, and a bearing to what stands beside the band is not valid, see `band`.
 
 use std::path::Path;
 
