@@ -155,10 +155,11 @@ impl Restart {
         self.record.is_some() || !matches!(self.cause, Cause::Power | Cause::Pin)
     }
 
-    /// Whether the program was ended by a fault of its own.
+    /// Whether the program was ended by a fault of its own, or by its supply.
     #[must_use]
     pub fn is_crash(&self) -> bool {
-        self.cause == Cause::Watchdog || self.record.is_some_and(|record| record.end != End::Wanted)
+        matches!(self.cause, Cause::Watchdog | Cause::BrownOut)
+            || self.record.is_some_and(|record| record.end != End::Wanted)
     }
 
     /// The text for the pilot: at most 50 bytes, as in a `STATUSTEXT`; the rest is cut off. The number of the start

@@ -19,12 +19,12 @@ pub enum Cause {
     NoAutopilot,
     /// The autopilot has been silent for long.
     LinkLost,
-    /// The autopilot is silent.
-    LinkQuiet,
     /// The pilot has not given control.
     NotInMode,
     /// The vehicle stands on the ground or takes off.
     OnGround,
+    /// The autopilot is silent.
+    LinkQuiet,
     /// A stored record is damaged.
     StoreDamaged,
     /// The mode has to be left and entered again.
@@ -84,9 +84,9 @@ impl Input {
             Cause::Unfit,
             Cause::NoAutopilot,
             Cause::LinkLost,
-            Cause::LinkQuiet,
             Cause::NotInMode,
             Cause::OnGround,
+            Cause::LinkQuiet,
             Cause::StoreDamaged,
             Cause::EntryNeeded,
             Cause::SwitchedOff,
@@ -101,9 +101,9 @@ impl Input {
             self.unfit,
             !self.has_autopilot,
             self.is_lost,
-            self.is_quiet,
             !self.obeys,
             self.on_ground,
+            self.is_quiet,
             self.store_damaged,
             self.entry_needed,
             self.switched_off,
@@ -119,9 +119,8 @@ impl Input {
 }
 
 impl Cause {
-    /// What happens to the stream; `obeys` says whether setpoints were sent before, `prestream` whether PX4 gets zero
-    /// velocity outside of OFFBOARD.
-    pub(crate) fn stream(self, software: Software, obeys: bool, prestream: bool) -> Stream {
+    /// What happens to the stream; `prestream` says whether PX4 gets zero velocity outside of OFFBOARD.
+    pub(crate) fn stream(self, software: Software, prestream: bool) -> Stream {
         let waits = match software {
             Software::Px4 if prestream => Stream::Zero,
             _ => Stream::Silent,
@@ -130,7 +129,6 @@ impl Cause {
             Self::None => Stream::Guidance,
             Self::Unfit | Self::NoAutopilot | Self::LinkLost | Self::OwnshipLost => Stream::Silent,
             Self::NotInMode | Self::OnGround => waits,
-            Self::LinkQuiet if !obeys => waits,
             _ => Stream::Zero,
         }
     }
@@ -199,10 +197,10 @@ mod tests {
             (|_| {}, Cause::Unfit),
             (|input| input.unfit = false, Cause::NoAutopilot),
             (|input| input.has_autopilot = true, Cause::LinkLost),
-            (|input| input.is_lost = false, Cause::LinkQuiet),
-            (|input| input.is_quiet = false, Cause::NotInMode),
+            (|input| input.is_lost = false, Cause::NotInMode),
             (|input| input.obeys = true, Cause::OnGround),
-            (|input| input.on_ground = false, Cause::StoreDamaged),
+            (|input| input.on_ground = false, Cause::LinkQuiet),
+            (|input| input.is_quiet = false, Cause::StoreDamaged),
             (|input| input.store_damaged = false, Cause::EntryNeeded),
             (|input| input.entry_needed = false, Cause::SwitchedOff),
             (|input| input.switched_off = false, Cause::Paused),

@@ -541,9 +541,11 @@ impl Companion {
         if autopilot.obeys() && (matches!(cause, Cause::Unfit | Cause::LinkLost) || (is_held && self.has_ended)) {
             self.entry_needed = true;
         }
-        if cause != Cause::None {
+        if !autopilot.obeys() {
             self.seeking = false;
-        } else if self.published.is_some_and(|published| published.outcome.behaviour() == Behaviour::Follow) {
+        } else if cause == Cause::None
+            && self.published.is_some_and(|published| published.outcome.behaviour() == Behaviour::Follow)
+        {
             self.seeking = true;
         }
         if !matches!(cause, Cause::LinkLost | Cause::LinkQuiet) {

@@ -164,6 +164,10 @@ impl Companion {
             None => true,
         };
         let was_lost = self.autopilot.is_some_and(|known| is_over(now, known.heard, self.config.silence_after_s));
+        if was_lost {
+            // It may have landed meanwhile.
+            self.landed_state = 0;
+        }
         self.has_crashed &= autopilot.armed;
         if !autopilot.obeys() {
             self.entry_needed &= self.may_reenter(autopilot.software);

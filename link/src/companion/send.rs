@@ -171,9 +171,9 @@ impl Companion {
         let slot = now.0 / (u64::from(SETPOINT_PERIOD_MS) * 1_000);
         let due = self.setpoint_slot.replace(slot).is_some_and(|last| last != slot);
         let prestream = self.config.prestream && !self.may_reenter(autopilot.software);
-        let setpoint = match cause.stream(autopilot.software, autopilot.obeys(), prestream) {
+        let setpoint = match cause.stream(autopilot.software, prestream) {
             Stream::Silent => None,
-            Stream::Zero if cause == Cause::EntryNeeded && self.may_take_off() => None,
+            Stream::Zero if matches!(cause, Cause::StoreDamaged | Cause::EntryNeeded) && self.may_take_off() => None,
             Stream::Zero => Some(Setpoint::default()),
             Stream::Guidance => {
                 let is_fresh = |time: Instant| !is_over(now, time, self.config.setpoint_age_max_s);

@@ -190,6 +190,7 @@ fn link_quiet_then_lost_zero_then_silence_then_a_fresh_entry() {
         assert_eq!(flight.status(), Some(3), "our own heartbeats go on");
         flight.bench.heartbeat = in_mode;
         flight.run(0.1);
+        flight.bench.say(&extended(2));
         flight.assert_zero(Cause::EntryNeeded);
     }
 }
@@ -298,7 +299,7 @@ fn paused_by_a_command_until_told_to_go_on_or_the_mode_is_entered_afresh() {
     }
 }
 
-fn battery(id: u8, charge_state: u8, battery_remaining: i8) -> MavMessage {
+pub(crate) fn battery(id: u8, charge_state: u8, battery_remaining: i8) -> MavMessage {
     MavMessage::BATTERY_STATUS(BATTERY_STATUS_DATA {
         id,
         charge_state,

@@ -19,4 +19,5 @@ mod recorded;
 mod requests;
 mod setpoints;
 mod signing;
+mod take_off;
 mod telemetry;

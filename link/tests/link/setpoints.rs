@@ -207,8 +207,9 @@ fn after_a_short_silence_control_comes_back_and_after_a_long_one_only_by_a_fresh
         bench.heartbeat = None;
         bench.run(silence_s);
         bench.heartbeat = Some(in_mode);
+        bench.run(0.5);
         bench.say(&extended(2));
-        bench.run(2.0);
+        bench.run(1.5);
         bench
     };
     let bench = control_after(4.0);
