@@ -15,6 +15,8 @@ const BEYOND_US: u64 = 60_000;
 const CARRIED_S: f32 = 0.2;
 /// A position this far from where the velocity leads is a jump of the frame, not a motion.
 const JUMP_M: f32 = 0.7;
+/// After a longer gap between two positions nothing is a jump.
+const GAP_S: f32 = 1.0;
 
 /// Position and attitude at an instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -107,9 +109,11 @@ impl Poses {
         let place = ownship.position_ned_m.horizontal();
         let since_s = ownship.position_time.seconds_since(self.heard);
         let velocity = ownship.velocity_ned_mps.horizontal();
-        let expected = self.heard_ned_m.plus(velocity.times(since_s.clamp(0.0, 1.0)));
+        // After a longer gap it may have flown there.
+        let is_next = self.count > 0 && since_s < GAP_S;
+        let expected = self.heard_ned_m.plus(velocity.times(since_s.max(0.0)));
         let jump = place.minus(expected);
-        let has_jumped = self.count > 0 && jump.norm_squared() > JUMP_M * JUMP_M;
+        let has_jumped = is_next && jump.norm_squared() > JUMP_M * JUMP_M;
         if ownship.position_time != self.heard || has_jumped {
             (self.heard_ned_m, self.heard) = (place, ownship.position_time);
         }

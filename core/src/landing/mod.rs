@@ -185,7 +185,7 @@ impl Stage {
     /// Whether the vehicle may be far below the altitude at which it seeks, on its way to the ground.
     #[must_use]
     pub fn is_low(self) -> bool {
-        matches!(self, Self::Centring | Self::Descending | Self::Recovering | Self::Committed)
+        matches!(self, Self::SearchingPad | Self::Centring | Self::Descending | Self::Recovering | Self::Committed)
     }
 }
 
@@ -276,7 +276,7 @@ pub struct Target {
     pub place_ned_m: Ned,
     /// Standard deviation of the horizontal position.
     pub sigma_m: f32,
-    /// Whether it is the pad, currently seen; else the beacon, currently received.
+    /// Whether it is the pad; else the beacon.
     pub is_pad: bool,
 }
 

@@ -332,7 +332,9 @@ impl Lander {
         // Seen again from a little higher: the cause of the loss must not recur at once.
         if self.is_found(state, here.now) && (is_up || risen_m > 0.3 * CLIMB_M) {
             state.enter(Stage::Centring, None, here.now);
-        } else if (is_up || since_s > CLIMB_S) && self.may_retry(state, Reason::PadLost, here.now) {
+        } else if (is_up || since_s > CLIMB_S)
+            && self.may_retry(state, state.reason.unwrap_or(Reason::PadLost), here.now)
+        {
             self.begin_pad_search(state, pad, here);
         }
         if state.stage != Stage::Recovering {

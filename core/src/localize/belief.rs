@@ -243,8 +243,9 @@ impl State {
     /// forgotten, none is assumed any more, and this is true.
     pub fn doubt_reflections(&mut self) -> bool {
         let may_mislead = self.reflections == Reflections::Supposed;
+        // From now on, that it does not start again by itself.
+        self.reflections = Reflections::Doubted;
         if may_mislead {
-            self.reflections = Reflections::Doubted;
             (self.bank, self.answer) = (bank::State::default(), None);
             self.assume_direct();
         }

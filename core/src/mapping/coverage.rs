@@ -192,11 +192,14 @@ impl Coverage {
         &self.latest
     }
 
-    /// Someone else flies the vehicle: the position where it is next asked to move is a new start, and at another
-    /// altitude nothing has been seen.
-    pub fn leave(&mut self, down_m: Option<f32>) {
+    /// Someone else flies the vehicle: the position where it is next asked to move is a new start.
+    pub fn leave(&mut self) {
         self.home_ned_m = None;
-        let Some(down_m) = down_m else { return };
+    }
+
+    /// The vehicle's altitude: at another one nothing has been seen.
+    pub fn level(&mut self, down_m: Option<f32>) {
+        let Some(down_m) = down_m.filter(|down_m| down_m.is_finite()) else { return };
         if libm::fabsf(down_m - *self.down_m.get_or_insert(down_m)) >= ALTITUDE_M {
             (self.seen, self.hidden) = ([[0; 2]; SIDE as usize], [[0; 2]; SIDE as usize]);
             self.stood = None;
@@ -567,10 +570,10 @@ mod tests {
         for (down_m, expected) in
             [(-15.0, Cover::Seen), (-14.8, Cover::Seen), (-14.4, Cover::Unseen), (-2.0, Cover::Unseen)]
         {
-            coverage.leave(Some(-15.0));
+            coverage.level(Some(-15.0));
             surveyor.note_scan(&mut coverage, &clear, &pose(0.0, 0.0, 0.0));
-            coverage.leave(Some(down_m));
-            coverage.leave(None);
+            coverage.level(Some(down_m));
+            coverage.level(None);
             assert_eq!(cover(&coverage), [expected; 2], "{down_m}");
             assert!(coverage.has_scanned());
         }

@@ -132,7 +132,7 @@ fn a_descent_that_was_interrupted_is_no_search_at_that_height() {
         bench.run(3.0);
         bench.heartbeat = Some(heartbeat(ARDUPILOT, GUIDED, ARMED));
         bench.run(1.5);
-        let is_low = !matches!(stage, Stage::Approaching | Stage::SearchingPad);
+        let is_low = stage != Stage::Approaching;
         let cause = if is_low { Cause::EntryNeeded } else { Cause::None };
         assert_eq!(bench.companion.cause(bench.now()), cause, "{stage:?}");
     }

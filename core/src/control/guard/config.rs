@@ -75,7 +75,7 @@ impl Config {
         vehicle.check()?;
         check("guard.margin_m", self.margin_m, 0.0, 5.0)?;
         check("guard.approach_rate_per_s", self.approach_rate_per_s, 0.1, 20.0)?;
-        check("guard.out_of_view_share", self.out_of_view_share, 0.0, 1.0)?;
+        check("guard.out_of_view_share", self.out_of_view_share, 0.05, 1.0)?;
         check("guard.altitude_band_m", self.altitude_band_m, 0.1, 1e3)?;
         check("guard.down_min_m", self.down_min_m, -1e4, 1e4)?;
         check("guard.down_max_m", self.down_max_m, -1e4, 1e4)?;

@@ -203,7 +203,8 @@ impl State {
         self.command_ned_mps = Horizontal::default();
         self.change_ned_mps = Horizontal::default();
         self.down_mps = 0.0;
-        self.coverage.leave(down_m);
+        self.coverage.leave();
+        self.coverage.level(down_m);
         self.counts.beats = self.counts.beats.wrapping_add(1);
     }
 }
@@ -255,6 +256,7 @@ impl Guard {
         let yaw_rate_radps = between(finite(demand.yaw_rate_radps), -c.yaw_rate_max_radps, c.yaw_rate_max_radps);
         let down = self.vertical(state.down_mps, finite(demand.down_mps), input, dt_s);
 
+        state.coverage.level(input.down_m);
         let last = state.command_ned_mps;
         let braked = (limited(last, Horizontal::default(), c.a_max_mps2 * dt_s), Action::Braked, None);
         let (velocity, action, look_ned_rad) =

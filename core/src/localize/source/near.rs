@@ -76,6 +76,8 @@ const RISE_DB: f32 = 6.0;
 const MAXIMUM_DB: f32 = 3.0;
 /// Longest time between bearings that counts.
 const GAP_S: f32 = 0.5;
+/// The beacon counts as heard for so long after a bearing: one that pulses is silent for up to a second.
+const HEARD_S: f32 = 1.5;
 /// Within this range the bank's position begins a fix, and the source counts as near.
 pub(crate) const NEAR_M: f32 = 3.0;
 /// Depth of the source below the vehicle if no range finder gives the height, and its standard deviation.
@@ -391,7 +393,7 @@ impl State {
             is_surrounded: is_overhead || self.has_sides,
             is_flat: self.has_depth && self.steep < STEEP_SHARE,
             is_loudest: self.most_db - self.least_db > RISE_DB && self.strength_db > self.most_db - MAXIMUM_DB,
-            is_heard: self.heard.is_some_and(|heard| now.seconds_since(heard) < GAP_S),
+            is_heard: self.heard.is_some_and(|heard| now.seconds_since(heard) < HEARD_S),
         })
     }
 }
