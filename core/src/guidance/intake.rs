@@ -148,9 +148,11 @@ impl<const N: usize> Guidance<N> {
         if scan.is_blind() {
             return Err(Refusal::Blind);
         }
+        state.surroundings.lost_rays.note(scan);
         if scan.is_fine() {
             let velocity_ned_mps = velocity(state);
-            state.surroundings.tracks.observe_rays(scan, &pose, velocity_ned_mps);
+            let loses_rays = state.surroundings.lost_rays.are_many();
+            state.surroundings.tracks.observe_rays(scan, &pose, velocity_ned_mps, loses_rays);
         }
         Self::map_scan(state, now, scan, pose)
     }
@@ -160,12 +162,13 @@ impl<const N: usize> Guidance<N> {
         let mut look = Segmentation::default();
         let velocity_ned_mps = velocity(state);
         scan::fit_into(&mut look, scan, &pose, velocity_ned_mps)?;
+        let loses_rays = state.surroundings.lost_rays.are_many();
         if !scan.is_fine() {
-            state.surroundings.tracks.observe(scan, &pose, velocity_ned_mps, &look.points_m);
+            state.surroundings.tracks.observe(scan, &pose, velocity_ned_mps, &look.points_m, loses_rays);
         }
         let (centers_ned_m, radius_m) = state.surroundings.tracks.left_by();
         state.surroundings.map.vacate(now, &centers_ned_m, radius_m);
-        state.surroundings.map.observe_scan(now, scan, &pose, &look);
+        state.surroundings.map.observe_scan(now, scan, &pose, &look, loses_rays);
         Ok(pose)
     }
 

@@ -13,6 +13,7 @@ use crate::doa::bearing::Flags;
 use crate::landing;
 use crate::localize::belief;
 use crate::mapping::map::Map;
+use crate::mapping::scan::LostRays;
 use crate::mapping::tracks::Tracks;
 use crate::mapping::walls::{WALLS_MAX, Wall};
 use crate::planning::planner::{Answer, Plan, PlanRequest};
@@ -53,6 +54,7 @@ pub(super) struct VehicleState {
 pub(super) struct Surroundings {
     pub(super) map: Map,
     pub(super) tracks: Tracks,
+    pub(super) lost_rays: LostRays,
     /// Those near the vehicle in this step.
     pub(super) near: Vec<Neighbour, OBSTACLES_MAX>,
 }
@@ -159,7 +161,7 @@ impl<const N: usize> Guidance<N> {
             turning,
             belief,
             vehicle,
-            surroundings: Surroundings { map, tracks, near },
+            surroundings: Surroundings { map, tracks, lost_rays, near },
             plans,
             arrival,
             control,
@@ -174,6 +176,7 @@ impl<const N: usize> Guidance<N> {
         *vehicle = VehicleState::default();
         map.clear();
         tracks.clear();
+        *lost_rays = LostRays::default();
         near.clear();
         *plans = Plans::default();
         *arrival = Arrival::default();

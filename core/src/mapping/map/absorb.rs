@@ -7,7 +7,8 @@ use heapless::Vec;
 
 use super::index::Index;
 use super::{
-    AVERAGED, CLEAR_SCANS, COVER_M, DOOMED, FRONT_M, GATE, GATE_M, Known, Map, Origin, RIM_M, STICK_OUT_M, known_of,
+    AVERAGED, CLEAR, COVER_M, DOOMED, FRONT_M, GATE, GATE_M, Known, Map, Origin, RIM_M, SEEN_THROUGH, STICK_OUT_M,
+    known_of,
 };
 use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;
@@ -133,11 +134,13 @@ struct View<'a> {
     outermost_ray: f32,
     /// How far a range may be off, see [`Segmentation::slip_m`].
     slip_m: f32,
+    /// What counts a ray that sees nothing.
+    nothing: u8,
 }
 
 impl View<'_> {
-    /// Whether the sensor sees something behind a circle, or nothing at its position.
-    fn passes(&self, known: &Known, away: Horizontal, distance_m: f32) -> bool {
+    /// Whether the sensor sees something behind a circle, or nothing at its position, and what that counts.
+    fn passes(&self, known: &Known, away: Horizontal, distance_m: f32) -> u8 {
         let mut middle = wrap_pi(away.bearing_rad() - self.first_ned_rad) / self.scan.step_rad;
         // A scan of more than half a turn continues beyond the wrap.
         if middle < -0.5 {
@@ -149,29 +152,30 @@ impl View<'_> {
         } else {
             (distance_m - known.radius_m + self.slip_m + FRONT_M, distance_m + self.slip_m + 0.05)
         };
-        if self.passes_sector(whole_below(middle + 0.5), front_m) {
-            return true;
-        }
-        if known.origin == Origin::Given || known.radius_m <= RIM_M {
-            return false;
+        let through = self.passes_sector(whole_below(middle + 0.5), front_m);
+        if through == SEEN_THROUGH || known.origin == Origin::Given || known.radius_m <= RIM_M {
+            return through;
         }
         // The outermost rays that should have hit it, with a lower bound of the arcsine.
         let x = (known.radius_m - RIM_M) / distance_m;
         let reach = x * (1.0 + x * x / 6.0) / libm::fabsf(self.scan.step_rad) + self.outermost_ray;
         let (low, high) = (-whole_below(reach - middle), whole_below(middle + reach));
-        low <= high && (self.passes_sector(low, side_m) || self.passes_sector(high, side_m))
+        if low > high {
+            return through;
+        }
+        through.max(self.passes_sector(low, side_m)).max(self.passes_sector(high, side_m))
     }
 
-    fn passes_sector(&self, index: i32, limit_m: f32) -> bool {
+    fn passes_sector(&self, index: i32, limit_m: f32) -> u8 {
         let index = match self.turn {
             Some(turn) if index < 0 => index + turn,
             Some(turn) if index >= turn => index - turn,
             _ => index,
         };
         match usize::try_from(index).map_or(Sector::Unknown, |index| self.scan.rays.get(index)) {
-            Sector::Clear => true,
-            Sector::Hit(hit_m) => hit_m > limit_m && hit_m <= self.scan.range_max_m,
-            Sector::Unknown => false,
+            Sector::Clear => self.nothing,
+            Sector::Hit(hit_m) if hit_m > limit_m && hit_m <= self.scan.range_max_m => SEEN_THROUGH,
+            Sector::Hit(_) | Sector::Unknown => 0,
         }
     }
 }
@@ -259,7 +263,7 @@ impl Map {
 
     /// Counts, for every circle within the range of a scan, the scans in a row that see through it, and marks those
     /// with too many to be forgotten.
-    pub(super) fn judge(&mut self, scan: &Scan, pose: &Pose, slip_m: f32) {
+    pub(super) fn judge(&mut self, scan: &Scan, pose: &Pose, slip_m: f32, loses_rays: bool) {
         let view = View {
             scan,
             origin_ned_m: pose.position_ned_m,
@@ -267,6 +271,7 @@ impl Map {
             turn: scan.turn().map(|turn| turn as i32),
             outermost_ray: scan.in_sectors(RAYS_MAX).outermost_ray(),
             slip_m,
+            nothing: if loses_rays { SEEN_THROUGH / 2 } else { SEEN_THROUGH },
         };
         for known in &mut self.known {
             let away = known.center_ned_m.minus(view.origin_ned_m);
@@ -276,8 +281,8 @@ impl Map {
                 continue;
             }
             let passes = view.passes(known, away, squared * inverse_root(squared));
-            known.clear_scans = if passes { known.clear_scans.saturating_add(1) } else { 0 };
-            if known.clear_scans >= CLEAR_SCANS {
+            known.clear_scans = if passes == 0 { 0 } else { known.clear_scans.saturating_add(passes) };
+            if known.clear_scans >= CLEAR {
                 known.clear_scans = DOOMED;
             }
         }

@@ -3,8 +3,8 @@
 //! Circles delivered by a sensor replace what was known there. A scan of hits ([`Segmentation`]) is processed as
 //! follows:
 //!
-//! 1. A circle that the sensor sees through, in the middle or at a side, for `CLEAR_SCANS` scans in a row is
-//!    forgotten.
+//! 1. A circle that the sensor sees through, in the middle or at a side, for three scans in a row is forgotten; for six where
+//!    it sees nothing behind it and loses rays.
 //! 2. A pillar that matches a known one is averaged into it (`motion`: an alpha-beta filter whose memory grows), unless
 //!    it is much less accurate than the known one; worse measurements of the same pillar are forgotten. If the average
 //!    would not cover the new hits, the pillar is added as a separate circle.
@@ -70,8 +70,10 @@ const STOOD_S: f32 = 3.0;
 const FRONT_M: f32 = 0.08;
 /// A circle that moves is forgotten when unseen for this long.
 const MOVING_MEMORY_S: f32 = 3.0;
-/// Number of scans in a row that see through a circle before it is forgotten.
-const CLEAR_SCANS: u8 = 3;
+/// A circle is forgotten when scans in a row have seen through it so often, each counted as [`SEEN_THROUGH`].
+const CLEAR: u8 = 6;
+/// Of a sensor that loses rays, a scan that sees nothing behind the circle counts half.
+const SEEN_THROUGH: u8 = 2;
 /// A hit this close to a known circle is part of it.
 const COVER_M: f32 = 0.018;
 
@@ -256,12 +258,20 @@ impl Map {
         }
     }
 
-    /// Processes the circles fitted to a scan; circles that scans see through are forgotten after some scans.
-    pub fn observe_scan(&mut self, now: Instant, scan: &Scan, pose: &Pose, segmentation: &Segmentation) {
+    /// Processes the circles fitted to a scan; circles that scans see through are forgotten after some scans, after more if the
+    /// sensor loses rays.
+    pub fn observe_scan(
+        &mut self,
+        now: Instant,
+        scan: &Scan,
+        pose: &Pose,
+        segmentation: &Segmentation,
+        loses_rays: bool,
+    ) {
         self.begin_look(now);
         self.has_scanned = true;
         self.note_taken(segmentation.time, now);
-        self.judge(scan, pose, segmentation.slip_m);
+        self.judge(scan, pose, segmentation.slip_m, loses_rays);
         self.sweep();
         self.take_in(now, segmentation);
     }

@@ -54,7 +54,7 @@ fn repeated_looks_at_one_pillar_sharpen_one_circle() {
     let mut map = Map::default();
     let looks = [pillar(2.0, 0.1, 0.3, 0.05), pillar(2.01, 0.0, 0.2, 0.01), pillar(1.99, 0.0, 0.2, 0.01)];
     for look in &looks {
-        map.observe_scan(Instant(1), &unknown_scan(), &Pose::default(), look);
+        map.observe_scan(Instant(1), &unknown_scan(), &Pose::default(), look, false);
     }
     let circles: StdVec<_> = measured(&map).collect();
     assert_eq!(circles.len(), 1);
@@ -67,7 +67,7 @@ fn a_glimpse_of_a_pillars_edge_adds_no_ghost_before_or_after_the_pillar_itself()
     for looks in [[pillar.clone(), glimpse.clone()], [glimpse, pillar]] {
         let mut map = Map::default();
         for look in &looks {
-            map.observe_scan(Instant(1), &unknown_scan(), &Pose::default(), look);
+            map.observe_scan(Instant(1), &unknown_scan(), &Pose::default(), look, false);
         }
         let circles: StdVec<_> = measured(&map).collect();
         assert_eq!(circles.len(), 1, "{circles:?}");
@@ -80,12 +80,12 @@ fn a_post_stays_known_when_only_its_neighbour_15_centimetres_away_is_seen_any_mo
     let mut map = Map::default();
     for _ in 0..3 {
         let look = pillar(2.0, 0.0, 0.075, 0.01);
-        map.observe_scan(Instant(1), &unknown_scan(), &Pose::default(), &look);
+        map.observe_scan(Instant(1), &unknown_scan(), &Pose::default(), &look, false);
     }
     // First much too large, as a part of a row of pillars can seem, then better, then accurate.
     for (radius_m, sigma_m) in [(0.15, 0.05), (0.09, 0.04), (0.075, 0.01)] {
         let look = pillar(2.0, 0.15, radius_m, sigma_m);
-        map.observe_scan(Instant(2), &unknown_scan(), &Pose::default(), &look);
+        map.observe_scan(Instant(2), &unknown_scan(), &Pose::default(), &look, false);
         let far_side = Horizontal { north: 2.0, east: -0.07 };
         let knows = measured(&map).any(|c| c.center_ned_m.minus(far_side).norm() < c.radius_m + 0.02);
         assert!(knows, "{radius_m} {sigma_m}: {:?}", map.circles().collect::<StdVec<_>>());
@@ -98,7 +98,7 @@ fn a_guess_from_far_is_forgotten_when_its_pillar_is_measured_from_near() {
     // Two inaccurate circles on either side of it, too far apart to be merged; then the pillar.
     for (east, radius_m, sigma_m) in [(0.2, 0.12, 0.06), (0.0, 0.05, 0.14), (0.105, 0.12, 0.005)] {
         let look = pillar(2.0, east, radius_m, sigma_m);
-        map.observe_scan(Instant(1), &unknown_scan(), &Pose::default(), &look);
+        map.observe_scan(Instant(1), &unknown_scan(), &Pose::default(), &look, false);
     }
     let circles: StdVec<_> = map.circles().collect();
     assert!(circles.len() == 1 && circles[0].radius_m < 0.135, "{circles:?}");
@@ -123,7 +123,7 @@ fn a_circle_that_is_seen_through_is_forgotten_after_three_looks() {
     let scan = Scan { rays: [Sector::Clear; SECTORS_MAX].into_iter().collect(), ..unknown_scan() };
     for look in 0..3 {
         assert_eq!(map.circles().count(), 2, "{look}");
-        map.observe_scan(Instant(1), &scan, &Pose::default(), &Segmentation::default());
+        map.observe_scan(Instant(1), &scan, &Pose::default(), &Segmentation::default(), false);
     }
     assert_eq!(map.circles().count(), 1, "the one behind is out of sight and stays");
 }
@@ -144,7 +144,7 @@ fn what_stood_there_before_somebody_came_is_kept_and_what_he_left_is_not() {
         let mut map = Map::default();
         for k in 0_u64..looks {
             let now = Instant(100_000 * k);
-            map.observe_scan(now, &unknown_scan(), &Pose::default(), &look);
+            map.observe_scan(now, &unknown_scan(), &Pose::default(), &look, false);
         }
         let now = Instant(100_000 * looks + age_us);
         map.vacate(now, &walker, 0.55);
@@ -272,7 +272,7 @@ fn single_points_do_not_keep_the_map_of_a_lidar_new_that_has_failed() {
     let at = |time: u64| Segmentation { time: Instant(time), ..Segmentation::default() };
     map.observe_points(Instant(100), &at(100));
     assert_eq!(map.taken(), Some(Instant(100)), "there is nothing else");
-    map.observe_scan(Instant(200), &unknown_scan(), &Pose::default(), &at(200));
+    map.observe_scan(Instant(200), &unknown_scan(), &Pose::default(), &at(200), false);
     map.observe_points(Instant(900), &at(900));
     assert_eq!(map.taken(), Some(Instant(200)));
     map.clear();
@@ -396,7 +396,7 @@ fn every_hit_of_the_last_look_is_in_a_circle_or_within_two_centimetres_or_else_i
                     let (scan, pose) = world.scan(place, yaw, fov_deg.to_radians(), noise, &mut rng);
                     let seen = scan::fit(&scan, &pose).unwrap();
                     let overflows = map.overflow_count();
-                    map.observe_scan(Instant(look * 100_000), &scan, &pose, &seen);
+                    map.observe_scan(Instant(look * 100_000), &scan, &pose, &seen, false);
                     assert!(map.circles().all(|circle| circle.is_plausible()));
                     let out = uncovered_m(&map, &seen);
                     assert!(out < 0.02 || map.overflow_count() > overflows, "{name} {fov_deg} {noise} {look}: {out}");
@@ -451,7 +451,7 @@ fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_la
                     };
                     let look = scan::fit(&scan, &pose).ok();
                     if let Some(look) = &look {
-                        map.observe_scan(Instant(now), &scan, &pose, look);
+                        map.observe_scan(Instant(now), &scan, &pose, look, false);
                     }
                     look
                 }
@@ -491,7 +491,7 @@ fn standing_pillars_do_not_seem_to_move_however_the_view_of_them_changes() {
                 let yaw = 0.6 * (0.15 * f64::from(look) + f64::from(flight)).sin();
                 let (scan, pose) = world.scan(place, yaw, 1.571, 0.003, &mut rng);
                 let now = Instant(look as u64 * 100_000);
-                map.observe_scan(now, &scan, &pose, &scan::fit(&scan, &pose).unwrap());
+                map.observe_scan(now, &scan, &pose, &scan::fit(&scan, &pose).unwrap(), false);
                 told += map.circles().filter(|c| c.velocity_ned_mps.norm_squared() > 0.0).count();
                 looks += map.circles().count();
             }
@@ -510,7 +510,7 @@ fn a_moving_pillar_gets_its_velocity_within_a_second_and_a_half_and_leaves_no_gh
             let world = World { pillars: std::vec![[2.2 + vn * time, -0.3 + ve * time, 0.25]], ..World::default() };
             let (scan, pose) = world.scan((0.0, 0.0), 0.0, 1.571, 0.003, &mut rng);
             let now = Instant(look as u64 * 100_000);
-            map.observe_scan(now, &scan, &pose, &scan::fit(&scan, &pose).unwrap());
+            map.observe_scan(now, &scan, &pose, &scan::fit(&scan, &pose).unwrap(), false);
             if look >= 15 {
                 let nearest = map.circles().find(|c| c.velocity_ned_mps.norm_squared() > 0.0);
                 let nearest = nearest.unwrap_or_else(|| panic!("{vn} {ve} after {time} s: {map:?}"));
@@ -530,7 +530,7 @@ fn what_was_seen_once_is_remembered_when_the_view_has_turned_away() {
     for look in 0..600_u64 {
         let yaw = if look < 5 { 0.2 } else { 3.0 };
         let (scan, pose) = world.scan((0.0, 0.0), yaw, 1.571, 0.0, &mut rng);
-        map.observe_scan(Instant(look * 100_000), &scan, &pose, &scan::fit(&scan, &pose).unwrap());
+        map.observe_scan(Instant(look * 100_000), &scan, &pose, &scan::fit(&scan, &pose).unwrap(), false);
     }
     let (scan, pose) = world.scan((0.0, 0.0), 0.2, 1.571, 0.0, &mut rng);
     assert!(uncovered_m(&map, &scan::fit(&scan, &pose).unwrap()) < 0.02);
@@ -543,7 +543,7 @@ fn a_single_scan_of_a_wall_with_a_gap_of_83_centimetres_leaves_the_gap_open() {
     let mut map = Map::default();
     for look in 0..10 {
         let (scan, pose) = world.scan((0.1 * f64::from(look), 0.0), 0.0, 1.571, 0.003, &mut rng);
-        map.observe_scan(Instant(look as u64 * 100_000), &scan, &pose, &scan::fit(&scan, &pose).unwrap());
+        map.observe_scan(Instant(look as u64 * 100_000), &scan, &pose, &scan::fit(&scan, &pose).unwrap(), false);
     }
     // The vehicle, 15 cm in radius, in the middle of the gap, and before and behind it.
     for north in [1.5, 1.8, 1.9, 2.0, 2.1, 2.2, 2.5] {
@@ -571,7 +571,7 @@ fn a_wall_is_not_seen_through_where_the_vehicle_moves_while_the_sensor_turns() {
             }
             let mut found = Segmentation::default();
             scan::fit_into(&mut found, &scan, &pose, velocity).unwrap();
-            map.observe_scan(Instant(u64::from(look) * 200_000), &scan, &pose, &found);
+            map.observe_scan(Instant(u64::from(look) * 200_000), &scan, &pose, &found, false);
             assert!(
                 map.known.iter().all(|known| known.clear_scans == 0 || known.clear_scans == AVERAGED),
                 "{yaw} {look}"

@@ -26,11 +26,13 @@ use crate::base::units::{between, nearest, sin_cos, wrap_pi};
 
 mod chain;
 mod circle;
+mod lost;
 mod rays;
 mod segment;
 
 use circle::root;
 
+pub use lost::LostRays;
 pub use rays::{Ranges, Rays, Sectors};
 pub use segment::{fit, fit_into, fit_points_into};
 

@@ -5,7 +5,7 @@ use core::ops::Range;
 use heapless::Vec;
 use heapless::binary_heap::{BinaryHeap, Max};
 
-use super::{CLUSTERS_MAX, Kept, RADIUS_M};
+use super::{CLUSTERS_MAX, Kept, RADIUS_M, THROUGH_SHARE};
 use crate::base::math::{inverse_root, sqrt};
 use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
@@ -46,7 +46,7 @@ pub(super) struct View<'a> {
     pub(super) late_s: f32,
     pub(super) pose: &'a Pose,
     pub(super) hits: &'a [Horizontal],
-    pub(super) before: Option<&'a Kept>,
+    pub(super) before: Option<[&'a Kept; 2]>,
 }
 
 impl View<'_> {
@@ -54,9 +54,14 @@ impl View<'_> {
         self.hits.get(usize::from(piece.from)..usize::from(piece.to)).unwrap_or_default()
     }
 
-    /// Whether an earlier scan saw through where they are.
+    /// Whether two earlier scans saw through where enough of them are: a ray of one alone may have been lost.
     fn was_free(&self, hits: &[Horizontal]) -> bool {
-        self.before.is_some_and(|before| before.saw_through(hits, self.pose.position_ned_m))
+        let Some(before) = self.before else { return false };
+        let was_free = |hit: &&Horizontal| {
+            let place = hit.plus(self.pose.position_ned_m);
+            before.iter().all(|kept| kept.saw_through(place))
+        };
+        hits.iter().filter(was_free).count() as f32 > THROUGH_SHARE * hits.len() as f32
     }
 
     fn measure(&self, piece: &Piece) -> Cluster {

@@ -176,10 +176,9 @@ impl Kept {
         self.ranges.take(scan);
     }
 
-    /// Whether enough of the hits of a piece lie where this scan saw through.
-    fn saw_through(&self, hits: &[Horizontal], from_ned_m: Horizontal) -> bool {
-        let is_through = |point: &&Horizontal| self.beyond_m(point.plus(from_ned_m)) > THROUGH_M;
-        hits.iter().filter(is_through).count() as f32 > THROUGH_SHARE * hits.len() as f32
+    /// Whether it saw through where a hit is now.
+    fn saw_through(&self, place: Horizontal) -> bool {
+        self.beyond_m(place) > THROUGH_M
     }
 
     /// How much farther was seen in the direction of a place than the place is; negative where that is not known.
@@ -229,7 +228,7 @@ impl Kept {
 ///     let scan =
 ///         Scan { time, turn_s: 0.0, first_azimuth_rad: -0.71, step_rad: 0.02, range_max_m: 5.0, rays: rays.collect() };
 ///     tracks.advance(time);
-///     tracks.observe_rays(&scan, &Pose::default(), Horizontal::default());
+///     tracks.observe_rays(&scan, &Pose::default(), Horizontal::default(), false);
 /// }
 /// let [track] = tracks.all() else { panic!("{tracks:?}") };
 /// assert!(track.moves() && (track.velocity_ned_mps.east - 1.0).abs() < 0.15, "{track:?}");
@@ -265,16 +264,19 @@ impl Tracks {
         self.scanned.is_some()
     }
 
-    /// The latest kept scan that is old enough.
-    fn before(&self, now: Instant) -> Option<&Kept> {
+    /// The latest kept scan that is old enough; where rays are lost, and one may be without meaning, the one before it too.
+    fn before(&self, now: Instant, loses_rays: bool) -> Option<[&Kept; 2]> {
         if !self.is_kept {
             return None;
         }
-        (0..KEPT).map(|k| (self.newest + KEPT - k) % KEPT).filter_map(|at| self.kept.get(at)).find(|kept| {
-            let age_s = now.seconds_since(kept.time);
-            let before_s = if libm::fabsf(kept.step_rad) > 0.05 { BEFORE_WIDE_S } else { BEFORE_S };
-            (before_s..1.0).contains(&age_s) && kept.step_rad != 0.0
-        })
+        let mut old =
+            (0..KEPT).map(|k| (self.newest + KEPT - k) % KEPT).filter_map(|at| self.kept.get(at)).filter(|kept| {
+                let age_s = now.seconds_since(kept.time);
+                let before_s = if libm::fabsf(kept.step_rad) > 0.05 { BEFORE_WIDE_S } else { BEFORE_S };
+                (before_s..1.0).contains(&age_s) && kept.step_rad != 0.0
+            });
+        let newest = old.next()?;
+        Some([newest, if loses_rays { old.next()? } else { newest }])
     }
 
     /// Tracks whose object is not seen although the sensor covers its place.
@@ -340,21 +342,29 @@ impl Tracks {
 
     /// Takes in a scan of more rays than circles are made from, as [`Self::observe`] does, each ray for itself.
     #[inline(never)]
-    pub fn observe_rays(&mut self, scan: &Scan, pose: &Pose, velocity_ned_mps: Horizontal) {
+    pub fn observe_rays(&mut self, scan: &Scan, pose: &Pose, velocity_ned_mps: Horizontal, loses_rays: bool) {
         if !scan.is_plausible() || !pose.is_plausible() {
             return;
         }
         let mut hits: Vec<Horizontal, RAYS_MAX> = Vec::new();
         scan.hits_into(&mut hits, pose.yaw_rad, velocity_ned_mps);
-        self.observe(scan, pose, velocity_ned_mps, &hits);
+        self.observe(scan, pose, velocity_ned_mps, &hits, loses_rays);
     }
 
-    /// Takes in a scan, after [`Self::advance`] to its step, and where it hits, from where it was taken and in order.
+    /// Takes in a scan, after [`Self::advance`] to its step, and where it hits, from where it was taken and in order; and whether its
+    /// sensor loses rays.
     #[inline(never)]
-    pub fn observe(&mut self, scan: &Scan, pose: &Pose, velocity_ned_mps: Horizontal, hits: &[Horizontal]) {
+    pub fn observe(
+        &mut self,
+        scan: &Scan,
+        pose: &Pose,
+        velocity_ned_mps: Horizontal,
+        hits: &[Horizontal],
+        loses_rays: bool,
+    ) {
         let mut clusters: Vec<Cluster, CLUSTERS_MAX> = Vec::new();
         let late_s = self.time.map_or(0.0, |now| between(now.seconds_since(scan.time), 0.0, LATE_MAX_S));
-        let before = self.before(scan.time);
+        let before = self.before(scan.time, loses_rays);
         cluster::find(&mut clusters, &cluster::View { scan, late_s, pose, hits, before });
         let taken = associate(&self.tracks, &mut clusters);
         let mut now = Kept::default();

@@ -60,10 +60,10 @@ impl Watch {
         let scan = cast(now, pose, self.view, circles);
         self.tracks.advance(now);
         if scan.is_fine() {
-            return self.tracks.observe_rays(&scan, pose, Horizontal::default());
+            return self.tracks.observe_rays(&scan, pose, Horizontal::default(), false);
         }
         let look = scan::fit(&scan, pose).unwrap();
-        self.tracks.observe(&scan, pose, Horizontal::default(), &look.points_m);
+        self.tracks.observe(&scan, pose, Horizontal::default(), &look.points_m, false);
     }
 
     fn moving(&self) -> StdVec<Track> {
@@ -144,7 +144,7 @@ fn a_turn_during_which_all_move_is_seen_as_it_was() {
                     let worst_m = off.map(|away_m| (away_m - RADIUS_M).abs()).fold(0.0, f32::max);
                     assert!(worst_m < 0.02, "{yaw_rate_radps} {fov_deg}: beside the pillar by {worst_m}");
                 }
-                tracks.observe_rays(&scan, &pose(middle_s), velocity_ned_mps);
+                tracks.observe_rays(&scan, &pose(middle_s), velocity_ned_mps, false);
             }
             let moving: StdVec<&Track> = tracks.all().iter().filter(|track| track.moves()).collect();
             let [track] = moving[..] else { panic!("{yaw_rate_radps} {fov_deg}: {:?}", tracks.all()) };

@@ -32,13 +32,13 @@ pub(super) fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             let fit = measure(&mut || seen = scan::fit(black_box(&scan), &pose).ok());
             let Some(seen) = seen else { return (0, 0, 0) };
             worst_fit = worst_fit.max(fit);
-            let take = measure(&mut || map.observe_scan(now, &scan, &pose, black_box(&seen)));
+            let take = measure(&mut || map.observe_scan(now, &scan, &pose, black_box(&seen), false));
             tracks.advance(now);
             let follow = measure(&mut || {
                 if scan.is_fine() {
-                    tracks.observe_rays(black_box(&scan), &pose, Horizontal::default());
+                    tracks.observe_rays(black_box(&scan), &pose, Horizontal::default(), false);
                 } else {
-                    tracks.observe(&scan, &pose, Horizontal::default(), black_box(&seen.points_m));
+                    tracks.observe(&scan, &pose, Horizontal::default(), black_box(&seen.points_m), false);
                 }
             });
             (worst, worst_follow) = (worst.max(fit + take), worst_follow.max(follow));

@@ -1,0 +1,91 @@
+//! How many rays a sensor loses: they come back with nothing although something is there, as from what is black or slants.
+//!
+//! A ray that sees nothing between two that hit at the same range, so near to each other that hardly anybody could see
+//! between them, counts as lost. Who learns from what is seen through asks for more than one scan if rays are lost.
+
+use super::{Scan, Sector};
+
+/// The two hits beside the ray are at most so far apart, and their ranges so much.
+const APART_MAX_M: f32 = 0.25;
+const ALIKE_M: f32 = 0.05;
+/// Share of the counts that is kept from scan to scan.
+const KEPT: f32 = 0.95;
+/// From this share on rays count as being lost, of this many that could be.
+const SHARE: f32 = 0.01;
+const ENOUGH: f32 = 1.5;
+
+/// Counts of the last scans.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LostRays {
+    lost: f32,
+    whole: f32,
+}
+
+impl LostRays {
+    /// Takes in a scan.
+    #[inline(never)]
+    pub fn note(&mut self, scan: &Scan) {
+        let (mut lost, mut whole) = (0_u32, 0_u32);
+        let near_m = APART_MAX_M / (2.0 * libm::fabsf(scan.step_rad));
+        let (mut first, mut middle) = (Sector::Unknown, Sector::Unknown);
+        for index in 0..scan.rays.len() {
+            let last = scan.rays.get(index);
+            if let (Sector::Hit(first_m), Sector::Hit(last_m)) = (first, last)
+                && first_m < near_m
+                && libm::fabsf(first_m - last_m) < ALIKE_M
+            {
+                lost += u32::from(middle == Sector::Clear);
+                whole += u32::from(middle != Sector::Unknown);
+            }
+            (first, middle) = (middle, last);
+        }
+        self.lost = KEPT * self.lost + lost as f32;
+        self.whole = KEPT * self.whole + whole as f32;
+    }
+
+    /// Whether the sensor loses rays, more than now and then.
+    #[must_use]
+    pub fn are_many(&self) -> bool {
+        self.lost > ENOUGH && self.lost > SHARE * self.whole
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::rng::Rng;
+    use crate::base::time::Instant;
+
+    fn scan(ray: impl FnMut(usize) -> Sector) -> Scan {
+        let step_rad = 0.02;
+        let rays = (0..72).map(ray).collect();
+        Scan { time: Instant(0), turn_s: 0.0, first_azimuth_rad: -0.7, step_rad, range_max_m: 3.0, rays }
+    }
+
+    #[test]
+    fn a_wall_seen_with_gaps_tells_of_lost_rays_and_whole_walls_and_bodies_apart_do_not() {
+        let mut rng = Rng::new(23, 0);
+        let mut whole_wall = |_| Sector::Hit(2.0 + 0.02 * rng.gaussian());
+        let mut lost = LostRays::default();
+        for _ in 0..50 {
+            lost.note(&scan(&mut whole_wall));
+            assert!(!lost.are_many());
+        }
+        let mut rng = Rng::new(24, 0);
+        let mut wall = |_| if rng.uniform() < 0.03 { Sector::Clear } else { Sector::Hit(2.0) };
+        for _ in 0..20 {
+            lost.note(&scan(&mut wall));
+        }
+        assert!(lost.are_many());
+        // Posts of five rays, five rays apart, one in two of them nearer.
+        let posts = |ray: usize| match ray / 5 % 4 {
+            1 => Sector::Hit(1.5),
+            3 => Sector::Hit(2.0),
+            _ => Sector::Clear,
+        };
+        for _ in 0..200 {
+            lost.note(&scan(posts));
+        }
+        assert!(!lost.are_many());
+    }
+}
