@@ -17,7 +17,6 @@ use foxhound_core::mapping::walls::{self, WALLS_MAX, Wall};
 use foxhound_core::planning::explore::{self, Explored};
 use foxhound_papers::filters::cartesian;
 use foxhound_papers::filters::reflected::{Known, literal, unknown};
-use foxhound_papers::mixture;
 
 use super::{Draw, Noise, Reached};
 
@@ -434,19 +433,19 @@ fn points(draw: &mut Draw<'_>) -> Vec<Horizontal> {
     points
 }
 
-/// Points through both ways of finding walls.
+/// Points, in the order of a scan or in any other, through the walls.
 fn walls(draw: &mut Draw<'_>) -> Reached {
     let mut reached = Reached::default();
     let usual = walls::Config::DEFAULT;
-    let is_in_any_order = draw.flag();
+    // Says nothing: so that the recorded cases read the same bytes.
+    let _ = draw.flag();
     let config = walls::Config {
         gap_m: draw.field(usual.gap_m, 0.05, 10.0),
         length_min_m: draw.field(usual.length_min_m, 0.1, 5.0),
     };
     let Ok(lines) = config.build() else { return reached };
-    let Ok(mixture) = mixture::Config { walls: config, ..mixture::Config::DEFAULT }.build() else { return reached };
     reached.configured = true;
-    let (mut workspace, mut mixture_workspace) = (walls::Workspace::new(), mixture::Workspace::new());
+    let mut workspace = walls::Workspace::new();
     while !draw.rest.is_empty() && reached.answers < 8 {
         let mut points = points(draw);
         if draw.flag() {
@@ -458,11 +457,7 @@ fn walls(draw: &mut Draw<'_>) -> Reached {
             let circles: Vec<Disc> = circles.collect();
             points = walls::points_of(&circles, place(draw)).to_vec();
         }
-        let found = if is_in_any_order {
-            mixture.find(&mut mixture_workspace, &points)
-        } else {
-            lines.find(&mut workspace, &points)
-        };
+        let found = lines.find(&mut workspace, &points);
         assert!(found.len() <= WALLS_MAX);
         for line in &found {
             let [from, to] = line.ends_ned_m();

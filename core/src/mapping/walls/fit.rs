@@ -11,48 +11,48 @@ use crate::base::ned::Horizontal;
 
 /// Count, mean and scatter of points.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Moments {
+pub(super) struct Moments {
     /// Number of points, or their weight.
-    pub count: f32,
+    pub(super) count: f32,
     /// Their mean.
-    pub mean_ned_m: Horizontal,
+    pub(super) mean_ned_m: Horizontal,
     /// Sums of the products of their distances from the mean: north north, north east, east east.
-    pub scatter_m2: [f32; 3],
+    pub(super) scatter_m2: [f32; 3],
 }
 
 /// The principal direction of moments, and their variances.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Spread {
+pub(super) struct Spread {
     /// Unit vector along the least-squares line.
-    pub along_ned: Horizontal,
+    pub(super) along_ned: Horizontal,
     /// Variance along it.
-    pub along_m2: f32,
+    pub(super) along_m2: f32,
     /// Variance across it.
-    pub across_m2: f32,
+    pub(super) across_m2: f32,
 }
 
 /// A line fitted to points.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fit {
+pub(super) struct Fit {
     /// The line, from the first of its points to the last.
-    pub line: Wall,
+    pub(super) line: Wall,
     /// Moments of its points.
-    pub moments: Moments,
+    pub(super) moments: Moments,
     /// Root mean square distance of the points from the line.
-    pub rms_m: f32,
+    pub(super) rms_m: f32,
     /// Standard deviation of the points along the line.
-    pub along_m: f32,
+    pub(super) along_m: f32,
 }
 
 impl Moments {
     /// No points. All bits are zero.
     #[must_use]
-    pub const fn new() -> Self {
+    pub(super) const fn new() -> Self {
         Self { count: 0.0, mean_ned_m: Horizontal { north: 0.0, east: 0.0 }, scatter_m2: [0.0; 3] }
     }
 
     /// Adds a point.
-    pub fn add(&mut self, point_ned_m: Horizontal) {
+    pub(super) fn add(&mut self, point_ned_m: Horizontal) {
         self.count += 1.0;
         let before = point_ned_m.minus(self.mean_ned_m);
         self.mean_ned_m = self.mean_ned_m.plus(before.times(1.0 / self.count));
@@ -64,7 +64,7 @@ impl Moments {
 
     /// The moments of both sets of points together.
     #[must_use]
-    pub fn joined(&self, other: &Self) -> Self {
+    pub(super) fn joined(&self, other: &Self) -> Self {
         let count = self.count + other.count;
         if !(count > 0.0) {
             return *self;
@@ -83,7 +83,7 @@ impl Moments {
 
     /// The spread of the points; `None` if they are all at one place, or there are none.
     #[must_use]
-    pub fn spread(&self) -> Option<Spread> {
+    pub(super) fn spread(&self) -> Option<Spread> {
         let [nn, ne, ee] = self.scatter_m2.map(|sum| sum / self.count);
         let (mean, half) = (0.5 * (nn + ee), 0.5 * (nn - ee));
         let apart = sqrt(half * half + ne * ne);
@@ -108,7 +108,7 @@ impl Moments {
 impl Spread {
     /// The line through a point, as long as evenly spread points with this variance.
     #[must_use]
-    pub fn line_through(&self, mean_ned_m: Horizontal) -> Wall {
+    pub(super) fn line_through(&self, mean_ned_m: Horizontal) -> Wall {
         let middle_m = self.along_ned.dot(mean_ned_m);
         let half_m = sqrt(3.0 * self.along_m2);
         self.line_from_to(mean_ned_m, middle_m - half_m, middle_m + half_m)

@@ -1,13 +1,11 @@
 //! Lines of reflection: the straight walls in a bounded map of points.
 //!
 //! After the belief-space paper (section III): first the points are clustered, so that walls that meet are separate,
-//! then a line is fitted to each cluster. The steps are the same for every method of clustering:
+//! then a line is fitted to each cluster. The paper clusters with a mixture of Gaussians; here
 //!
-//! 1. split and merge, for points in the order of a scan, proposes lines; another method of clustering may be used
-//!    instead ([`Extractor::find_among`]: the paper's mixture is in the crate `foxhound-papers`);
-//! 2. every point is assigned to the nearest proposed line that it is within [`DEVIATION_M`] of;
-//! 3. the points of a line are split where a gap is wider than [`Config::gap_m`], and each piece is fitted again
-//!    ([`fit`]);
+//! 1. split and merge, for points in the order of a scan, proposes lines;
+//! 2. every point is assigned to the nearest proposed line that it is within 0.25 m of;
+//! 3. the points of a line are split where a gap is wider than [`Config::gap_m`], and each piece is fitted again;
 //! 4. a piece that is too short, too thick for its length or has too few points is not a wall: a pillar is one point,
 //!    or several in a round cluster;
 //! 5. lines of the same wall are merged.
@@ -25,7 +23,7 @@ use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Disc;
 
-pub mod fit;
+mod fit;
 mod split_merge;
 pub mod wall;
 
@@ -42,9 +40,9 @@ const PLACE_MAX_M: f32 = 1e5;
 const PROPOSED_MAX: usize = 16;
 
 /// Largest distance of a wall's point from its line.
-pub const DEVIATION_M: f32 = 0.25;
+const DEVIATION_M: f32 = 0.25;
 /// The largest standard deviation across at which two clusters may be merged.
-pub const JOINED_M: f32 = 0.5 * DEVIATION_M;
+const JOINED_M: f32 = 0.5 * DEVIATION_M;
 /// Smallest number of points of a wall.
 const POINTS_MIN: u8 = 4;
 /// A wall's largest standard deviation across, as a share of the one along.
@@ -117,21 +115,13 @@ impl Workspace {
     }
 }
 
-/// Lines that may be walls.
-#[derive(Debug)]
-pub struct Proposals<'a> {
-    lines: &'a mut Vec<Wall, PROPOSED_MAX>,
-}
-
-impl Proposals<'_> {
-    /// Proposes the line of a cluster, given by its moments.
-    pub fn add(&mut self, moments: &Moments) {
-        let Some(spread) = moments.spread() else { return };
-        // Up to twice as thick as a wall may be: outliers may still be removed.
-        let thickest = 2.0 * THICKNESS_MAX;
-        if moments.count > 1.5 && spread.across_m2 <= thickest * thickest * spread.along_m2 {
-            push_longest(self.lines, spread.line_through(moments.mean_ned_m), length_m);
-        }
+/// Proposes the line of a cluster, given by its moments.
+fn propose(proposed: &mut Vec<Wall, PROPOSED_MAX>, moments: &Moments) {
+    let Some(spread) = moments.spread() else { return };
+    // Up to twice as thick as a wall may be: outliers may still be removed.
+    let thickest = 2.0 * THICKNESS_MAX;
+    if moments.count > 1.5 && spread.across_m2 <= thickest * thickest * spread.along_m2 {
+        push_longest(proposed, spread.line_through(moments.mean_ned_m), length_m);
     }
 }
 
@@ -157,21 +147,6 @@ impl Extractor {
     /// The walls among points in the order of a scan, the longest first. Points that are not finite, or implausibly far
     /// away, are ignored.
     pub fn find(&self, workspace: &mut Workspace, points_ned_m: &[Horizontal]) -> Vec<Wall, WALLS_MAX> {
-        self.find_among(workspace, points_ned_m, |points, proposals| {
-            for piece in &split_merge::pieces(self.config.gap_m, points) {
-                proposals.add(&piece.moments);
-            }
-        })
-    }
-
-    /// The walls among points, the longest first, from clusters found by `cluster`. It is called once with the points
-    /// that are used, relative to one of them, and proposes the moments of each cluster.
-    pub fn find_among(
-        &self,
-        workspace: &mut Workspace,
-        points_ned_m: &[Horizontal],
-        cluster: impl FnOnce(&[Horizontal], &mut Proposals<'_>),
-    ) -> Vec<Wall, WALLS_MAX> {
         let usable =
             |point: &&Horizontal| libm::fabsf(point.north) <= PLACE_MAX_M && libm::fabsf(point.east) <= PLACE_MAX_M;
         // Relative to one of the points: far from the origin the differences are exact, but computed values would be
@@ -182,7 +157,9 @@ impl Extractor {
             let _ = workspace.points.push(point.minus(origin));
         }
         workspace.proposed.clear();
-        cluster(&workspace.points, &mut Proposals { lines: &mut workspace.proposed });
+        for piece in &split_merge::pieces(self.config.gap_m, &workspace.points) {
+            propose(&mut workspace.proposed, &piece.moments);
+        }
         self.walls(workspace, origin)
     }
 
