@@ -42,12 +42,6 @@ impl Rng {
         let (_, cosine) = sin_cos(TAU * self.uniform());
         radius * cosine
     }
-
-    /// Nearly normal, of unit variance, at a twentieth of the cost: the sum of four bytes; |value| stays below 3.5.
-    pub fn bell(&mut self) -> f32 {
-        let sum: u32 = self.source.next_u32().to_le_bytes().into_iter().map(u32::from).sum();
-        (sum as f32 - 510.0) * (1.0 / 147.799_86)
-    }
 }
 
 #[cfg(test)]
@@ -70,16 +64,6 @@ mod tests {
         assert!((sum / n).abs() < 5.0 / n.sqrt());
         assert!((square / n - 1.0).abs() < 5.0 * (2.0 / n).sqrt());
         assert!((fourth / n - 3.0).abs() < 5.0 * (96.0 / n).sqrt());
-    }
-
-    #[test]
-    fn the_cheap_bell_has_the_first_moments_of_a_normal_distribution() {
-        let mut rng = Rng::new(7, 2);
-        let n = 100_000;
-        let draws: std::vec::Vec<f64> = (0..n).map(|_| f64::from(rng.bell())).collect();
-        let mean = draws.iter().sum::<f64>() / f64::from(n);
-        let variance = draws.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / f64::from(n);
-        assert!(mean.abs() < 5.0 / f64::from(n).sqrt() && (variance - 1.0).abs() < 0.02, "{mean} {variance}");
     }
 
     #[test]

@@ -18,8 +18,6 @@ pub mod bank;
 pub mod covariance;
 pub mod gather;
 pub mod near;
-#[cfg(test)]
-mod particles;
 pub mod polar;
 pub mod support;
 

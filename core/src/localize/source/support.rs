@@ -76,7 +76,7 @@ impl Support {
 
 impl SourcePosition {
     /// Of places whose weights sum to one.
-    pub(super) fn of(places: impl Iterator<Item = (Horizontal, f32)> + Clone) -> Self {
+    fn of(places: impl Iterator<Item = (Horizontal, f32)> + Clone) -> Self {
         let (place_ned_m, [nn, ne, ee]) = moments(places);
         let (half_sum, half_difference) = (0.5 * (nn + ee), 0.5 * (nn - ee));
         let largest = half_sum + sqrt(half_difference * half_difference + ne * ne);
@@ -85,7 +85,7 @@ impl SourcePosition {
 }
 
 /// Mean and covariance, north-north, north-east and east-east, of places whose weights sum to one.
-pub(super) fn moments(places: impl Iterator<Item = (Horizontal, f32)> + Clone) -> (Horizontal, [f32; 3]) {
+fn moments(places: impl Iterator<Item = (Horizontal, f32)> + Clone) -> (Horizontal, [f32; 3]) {
     let mut mean = Horizontal::default();
     for (place, weight) in places.clone() {
         mean = mean.plus(place.times(weight));
@@ -103,8 +103,10 @@ pub(super) fn moments(places: impl Iterator<Item = (Horizontal, f32)> + Clone) -
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::rng::Rng;
+    use crate::base::units::sin_cos;
     use crate::localize::source::polar::{Config, State};
-    use crate::localize::source::{Sighting, polar};
+    use crate::localize::source::{Sighting, bank, polar};
 
     /// A filter after sightings of a source from places on a line to the east.
     fn filter(source: Horizontal, steps: u32) -> polar::Resting {
@@ -147,5 +149,51 @@ mod tests {
             (support.mean().unwrap(), sqrt(0.5 * (nn + ee) + sqrt(0.25 * (nn - ee) * (nn - ee) + ne * ne)));
         assert!((mean.sigma_m / expected - 1.0).abs() < 0.12, "{} {expected}", mean.sigma_m);
         assert_eq!(Support::default().mean(), None);
+    }
+    const SOURCE: Horizontal = Horizontal { north: 9.0, east: 2.0 };
+
+    /// Straight on, with a detour of a metre and a half to the right.
+    fn bent(s: f32) -> Horizontal {
+        let off = if (1.0..5.0).contains(&s) { 1.5 * sin_cos((s - 1.0) * 0.785).0 } else { 0.0 };
+        Horizontal { north: s, east: 0.2 * s - off }
+    }
+
+    /// What the bank tells at the end of a path flown at 1 m/s. A share of the bearings comes from anywhere.
+    fn fly(seed: u64, sigma_rad: f32, path: impl Fn(f32) -> Horizontal, wrong: f32) -> SourcePosition {
+        let (bank, mut state) = (bank::Config::DEFAULT.build().unwrap(), bank::State::new());
+        let mut rng = Rng::new(seed, 99);
+        for step in 0..60 {
+            let place_ned_m = path(0.1 * step as f32);
+            let mut bearing_rad = SOURCE.minus(place_ned_m).bearing_rad() + sigma_rad * rng.gaussian();
+            if rng.uniform() < wrong {
+                bearing_rad = core::f32::consts::TAU * rng.uniform();
+            }
+            let direction_ned = Horizontal::from_bearing(bearing_rad);
+            bank.step(&mut state, &Sighting { place_ned_m, direction_ned, sigma_rad, since_s: 0.1 }, 0.0, &[]);
+        }
+        let mut support = Support::default();
+        state.support(&mut support);
+        support.mean().unwrap()
+    }
+
+    /// The limits are a tenth above what it is.
+    #[test]
+    fn after_a_detour_the_bank_knows_where_the_source_is_among_outliers_too() {
+        for (sigma_deg, wrong, most_m) in
+            [(0.5_f32, 0.0, 0.086), (1.86, 0.0, 0.33), (5.0, 0.0, 1.2), (1.72, 0.2, 0.74), (1.72, 0.4, 1.33)]
+        {
+            let errors = (0..60).map(|seed| fly(seed, sigma_deg.to_radians(), bent, wrong).place_ned_m.minus(SOURCE));
+            let rms_m = sqrt(errors.map(Horizontal::norm_squared).sum::<f32>() / 60.0);
+            assert!(rms_m < most_m, "{sigma_deg} {wrong}: {rms_m} m");
+        }
+    }
+
+    #[test]
+    fn on_a_straight_line_the_bank_does_not_claim_to_know_the_range() {
+        for seed in 0..20 {
+            let found = fly(seed, 0.03, |s| Horizontal { north: 0.5 * s, east: 0.111 * s }, 0.0);
+            let error_m = found.place_ned_m.minus(SOURCE).norm();
+            assert!(found.sigma_m > 2.0 && error_m < 3.0 * found.sigma_m, "seed {seed}: {error_m} m off, {found:?}");
+        }
     }
 }
