@@ -34,9 +34,7 @@
 //! every look and do not average: they go through the step's linear map. Both grow when more is left over than they
 //! explain.
 //!
-//! The array is taken to be level. Instructions of the eighth look and its answer on a Cortex-M4F, mean (worst of many):
-//! one heading, one path 8 200, two paths 20 600 (32 000); eight headings, 11 500 and 31 500 (39 700); two looks from
-//! each of four headings, 10 400 and 34 600 (42 700).
+//! The array is taken to be level.
 
 use heapless::Deque;
 

@@ -24,7 +24,7 @@
 //! (the probabilistic data association filter of Bar-Shalom with one measurement). Only one triangle of `P` is stored,
 //! so it is symmetric; after every step its pivots are checked, and where rounding has made correlations impossible the
 //! variances are increased. The bearing is kept as a unit vector, so that a step needs no sine and rarely an
-//! arctangent: 360 and 560 instructions at most on a Cortex-M4F, with two and four states.
+//! arctangent.
 #![expect(clippy::needless_range_loop, reason = "symmetric matrices are filled by row and column")]
 
 use super::{Estimate, Sighting, Update, covariance, series};

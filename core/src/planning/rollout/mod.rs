@@ -10,8 +10,7 @@
 //! trajectory and cost equal those of [`roll_plainly`] and [`cost`] over the same obstacles in the same order, bit for
 //! bit.
 //!
-//! Cost of ten samples of 15 waypoints among 64 circles, with our gains and with the main paper's, each beside every obstacle at
-//! every waypoint: bench rows `rollouts_64`, `rollouts_64_naive`, `rollouts_64_paper_gains`, `rollouts_64_paper_gains_naive`.
+//! Cost of ten samples of 15 waypoints among 64 circles: bench row `rollouts_64`.
 
 use heapless::Vec;
 

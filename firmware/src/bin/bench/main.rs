@@ -52,7 +52,7 @@ mod source;
 
 use kernels::kernels;
 use looks::obstacle_looks;
-use receiver::{front_end, lock_in, several_looks, spectrum, wave};
+use receiver::{front_end, lock_in, spectrum, wave};
 use rollouts::{replan, rollouts};
 
 /// The tone, in bins, off the grid.
@@ -78,7 +78,6 @@ fn main() -> ! {
     lock_in(&measure, snapshot);
     spectrum(&measure, snapshot);
     front_end(&measure, snapshot);
-    several_looks(&measure);
     obstacle_looks(&measure);
     let config = guidance::Config::default();
     let (Ok(guidance), Ok(planner)) = (config.build(), config.build_planner()) else {

@@ -1,5 +1,5 @@
-//! Cost of other receivers: a packet of an array behind a switch; a covariance, its bearing and a beam in all directions, of two to
-//! eight channels.
+//! Cost of other receivers: a packet of an array behind a switch; a covariance, its bearing and a beam in all directions, of eight
+//! channels.
 
 use core::f32::consts::TAU;
 use core::hint::black_box;
@@ -23,19 +23,8 @@ const SAMPLES: usize = 3;
 /// Samples of a channel, and the number of different ones.
 const N: usize = 256;
 const KEPT: usize = 16;
-/// Radius of the ring of eight of the frames, in wavelengths; it has a table of 36 directions. Smaller rings have the same distance from
-/// antenna to antenna.
+/// Radius of the ring of the frames, in wavelengths; it has a table of 36 directions.
 const RING: f32 = 0.61;
-/// The rows of each number of channels from two on: covariance, its bearing, and the beam, of one set of phasors.
-const ROWS: [[&str; 3]; ANTENNAS - 1] = [
-    ["covariance_2x256", "covariance_bearing_2", "beam_of_2"],
-    ["covariance_3x256", "covariance_bearing_3", "beam_of_3"],
-    ["covariance_4x256", "covariance_bearing_4", "beam_of_4"],
-    ["covariance_5x256", "covariance_bearing_5", "beam_of_5"],
-    ["covariance_6x256", "covariance_bearing_6", "beam_of_6"],
-    ["covariance_7x256", "covariance_bearing_7", "beam_of_7"],
-    ["covariance_8x256", "covariance_bearing", "beam_36"],
-];
 
 static PACKET: ConstStaticCell<[Complex; SLOTS * SAMPLES]> =
     ConstStaticCell::new([Complex { re: 0.0, im: 0.0 }; SLOTS * SAMPLES]);
@@ -43,18 +32,16 @@ static PACKET: ConstStaticCell<[Complex; SLOTS * SAMPLES]> =
 pub(super) fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let mut rng = Rng::new(31, 8);
     packets(measure, &mut rng);
-    for (count, rows) in (2..).zip(ROWS) {
-        frames(measure, &mut rng, count, rows);
-    }
+    frames(measure, &mut rng);
 }
 
 /// A ring of antennas.
-fn beam(count: usize, radius_m: f32) -> Beam {
+fn beam(radius_m: f32) -> Beam {
     let antennas_m = core::array::from_fn(|k| {
-        let z = Complex::at(wrap_pi(k as f32 * TAU / count as f32)).scaled(radius_m);
+        let z = Complex::at(wrap_pi(k as f32 * TAU / ANTENNAS as f32)).scaled(radius_m);
         [z.re, z.im]
     });
-    let config = beam::Config { wavelength_m: 1.0, antennas_m, count };
+    let config = beam::Config { wavelength_m: 1.0, antennas_m, count: ANTENNAS };
     match config.build() {
         Ok(beam) => beam,
         Err(_) => Twin::halt(format_args!("the ring does not build")),
@@ -71,9 +58,7 @@ fn packets(measure: &impl Fn(&mut dyn FnMut()) -> u32, rng: &mut Rng) {
     }
     let (sample_rate_hz, tone_hz, slot_s, pattern_slots) = (2e6, 250e3, 4e-6, ANTENNAS);
     let schedule = slots::Config { antennas: ANTENNAS, sample_rate_hz, tone_hz, slot_s, pattern, pattern_slots };
-    let built = schedule
-        .build(SLOTS, SAMPLES)
-        .and_then(|reader| switched::Config::default().build(beam(ANTENNAS, 0.5), reader));
+    let built = schedule.build(SLOTS, SAMPLES).and_then(|reader| switched::Config::default().build(beam(0.5), reader));
     let Ok(estimator) = built else { Twin::halt(format_args!("the switched array does not build")) };
     let packet = PACKET.take();
     let (mut emitter, mut typical, mut hard) = (Emitter::default(), 0, 0);
@@ -108,19 +93,12 @@ fn packets(measure: &impl Fn(&mut dyn FnMut()) -> u32, rng: &mut Rng) {
 }
 
 #[inline(never)]
-fn frames(
-    measure: &impl Fn(&mut dyn FnMut()) -> u32,
-    rng: &mut Rng,
-    count: usize,
-    [added_row, found_row, turned_row]: [&str; 3],
-) {
-    let half_rad = |count: usize| 0.5 * TAU / count as f32;
-    let radius = RING * sin_cos(half_rad(ANTENNAS)).0 / sin_cos(half_rad(count)).0;
-    let (beam, mut frame) = (beam(count, radius), [beam::Vector::default(); KEPT]);
+fn frames(measure: &impl Fn(&mut dyn FnMut()) -> u32, rng: &mut Rng) {
+    let (beam, mut frame) = (beam(RING), [beam::Vector::default(); KEPT]);
     let wave = beam.toward(1.1);
     for z in frame.iter_mut() {
         let sent = Complex { re: rng.gaussian(), im: rng.gaussian() };
-        for (z, a) in z.iter_mut().zip(wave).take(count) {
+        for (z, a) in z.iter_mut().zip(wave) {
             let clean = a.times(sent);
             *z = Complex { re: clean.re + 0.3 * rng.gaussian(), im: clean.im + 0.3 * rng.gaussian() };
         }
@@ -133,13 +111,13 @@ fn frames(
             }
         }
     });
-    row(added_row, added, 0);
+    row("covariance_8x256", added, 0);
     let mut scan = beam::Scan::default();
     let turned = measure(&mut || beam.scan(black_box(&wave), black_box(&mut scan)));
-    row(turned_row, turned, 0);
+    row("beam_36", turned, 0);
     let source = Source::default();
     let found = measure(&mut || {
         black_box(source.bearing(&beam, black_box(&covariance), 0.0, Instant(0)));
     });
-    row(found_row, found, 0);
+    row("covariance_bearing", found, 0);
 }

@@ -1,6 +1,6 @@
 //! From codes to phasors and on to a bearing, beside what other crates take for the same.
 
-use core::f32::consts::{FRAC_PI_2, TAU};
+use core::f32::consts::TAU;
 use core::hint::black_box;
 use core::num::Wrapping;
 
@@ -8,21 +8,16 @@ use dsp_process::SplitProcess as _;
 use foxhound_computer::frozen::Watch;
 use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::rng::Rng;
-use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::{sin_cos, wrap_pi};
 use foxhound_core::guidance;
-use foxhound_core::signal::phase::{self, Complex, Phasors};
+use foxhound_core::signal::phase::{self, Complex};
 use foxhound_core::signal::spectrum::tone::{Reference, Window};
 use foxhound_core::signal::spectrum::{Backend, Spectrum};
 use foxhound_firmware::board::Board as _;
-use foxhound_papers::multipath::{self, Frame};
 use idsp::Lowpass;
 use microfft::real::rfft_256;
 
 use crate::{N, TONE_BINS, Twin, peer, row};
-
-/// Scenes of the looks.
-const SCENES: usize = 64;
 
 /// A lock-in at one frequency: products in integers, then phasors.
 struct LockIn {
@@ -223,64 +218,4 @@ pub(super) fn front_end(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &A
 
 fn noisy(z: [Complex; CHANNELS], amplitude: f32, sigma: f32, rng: &mut Rng) -> [Complex; CHANNELS] {
     z.map(|z| Complex { re: amplitude * z.re + sigma * rng.gaussian(), im: amplitude * z.im + sigma * rng.gaussian() })
-}
-
-/// The eighth look at a source and its reflection at -6 dB, taken and solved for: of one heading, and turning by 90 degrees.
-#[inline(never)]
-pub(super) fn several_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    for (turn_rad, mean, worst) in
-        [(0.0, "look_solve", "look_solve_worst"), (FRAC_PI_2, "look_solve_turning", "look_solve_turning_worst")]
-    {
-        let mut rng = Rng::new(9, 9);
-        let counts = [0; SCENES].map(|_| scene(measure, turn_rad, &mut rng));
-        row(mean, counts.iter().sum::<u32>() / SCENES as u32, 45_000);
-        row(worst, counts.into_iter().max().unwrap_or(0), 45_000);
-    }
-}
-
-fn scene(measure: &impl Fn(&mut dyn FnMut()) -> u32, turn_rad: f32, rng: &mut Rng) -> u32 {
-    const LOOKS: usize = multipath::LOOKS;
-    let config = guidance::Config::default();
-    let (Ok(extractor), Ok(array)) = (config.phase.build::<64>(), config.array.build()) else {
-        Twin::halt(format_args!("the built-in front end does not build"))
-    };
-    let (Ok(estimator), Ok(looks)) = (config.bearing.build(array), multipath::Config::default().build(&array)) else {
-        Twin::halt(format_args!("the built-in estimator does not build"))
-    };
-    // Of a silent snapshot, for the parts that no look here changes.
-    let silence = extractor.step(&mut phase::State::default(), &AdcFrame::zeroed());
-    let mut state = multipath::State::default();
-    let paths = [(); 2].map(|()| TAU * rng.uniform());
-    let mut turns = [(); 2].map(|()| TAU * rng.uniform());
-    let speeds = [(); 2].map(|()| TAU * (0.6 * rng.uniform() - 0.3));
-    let yaw = TAU * rng.uniform() - TAU / 2.0;
-    let channels = [(); CHANNELS].map(|()| unit(rng.gaussian() / 57.3));
-    let mut last = 0;
-    for index in 0..LOOKS {
-        let yaw_rad = wrap_pi(yaw + turn_rad * index as f32 / (LOOKS - 1) as f32);
-        let [direct, reflected] = paths.map(|path| wave(wrap_pi(path - yaw_rad)));
-        let (direct_turn, reflected_turn) = (unit(turns[0]), unit(turns[1]));
-        let sum: [Complex; CHANNELS] = core::array::from_fn(|m| {
-            let reflection = reflected[m].times(reflected_turn);
-            let half = Complex { re: 0.5 * reflection.re, im: 0.5 * reflection.im };
-            direct[m].times(direct_turn).plus(half).times(channels[m])
-        });
-        let phasors = Phasors {
-            time: Instant(100_000 * index as u64),
-            z: noisy(sum, 1000.0, 4.5, rng),
-            noise: [2.0 * 4.5 * 4.5; CHANNELS],
-            tone: phase::Tone::Present,
-            ..silence
-        };
-        let bearing = estimator.estimate(&phasors);
-        let look = Frame { phasors: &phasors, bearing: &bearing, yaw_rad, position_ned_m: None };
-        last = measure(&mut || {
-            let _ = black_box(looks.take(&mut state, black_box(&look)));
-            black_box(looks.solve(&state, 1.0));
-        });
-        for (turn, speed) in turns.iter_mut().zip(speeds) {
-            *turn = wrap_pi(*turn + speed);
-        }
-    }
-    last
 }

@@ -1,4 +1,4 @@
-//! The source's position: the filters that use the bearing, the walls and the link state that they get, the seeking
+//! The source's position: the filter that uses the bearing, the walls and the link state that they get, the seeking
 //! with one antenna, and the search. Each row is the worst of a seeded run.
 
 use core::f32::consts::TAU;
@@ -20,7 +20,6 @@ use foxhound_core::mapping::walls::{self, Wall};
 use foxhound_core::planning::explore;
 use foxhound_firmware::board::Board as _;
 use foxhound_firmware::boards::mps2_an386::Machine as Twin;
-use foxhound_papers::filters::reflected::{Known, unknown};
 
 use super::row;
 
@@ -35,7 +34,7 @@ const ROOM_M: Horizontal = Horizontal { north: 6.0, east: 5.0 };
 
 #[inline(never)]
 pub(super) fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    filters(measure);
+    filter(measure);
     several(measure);
     link(measure);
     walls(measure);
@@ -60,42 +59,17 @@ impl Path {
     }
 }
 
-fn worst(measure: &impl Fn(&mut dyn FnMut()) -> u32, to: Horizontal, mut step: impl FnMut(&Sighting)) -> u32 {
-    let mut path = Path(Rng::new(1, 40));
-    let counts = (0..STEPS).map(|k| {
-        let heard = path.sighting(k, to);
-        measure(&mut || step(black_box(&heard)))
-    });
-    counts.max().unwrap_or_default()
-}
-
 #[inline(never)]
-fn filters(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    let wall = Wall::of_slope_intercept([0.4, 10.0]);
-    let image = wall.mirror(SOURCE_NED_M);
-    let (Ok(filter), Ok(guessed)) = (polar::Config::DEFAULT.build(), unknown::Config::DEFAULT.build()) else {
-        Twin::halt(format_args!("the built-in filters do not build"))
+fn filter(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
+    let Ok(filter) = polar::Config::DEFAULT.build() else {
+        Twin::halt(format_args!("the built-in filter does not build"))
     };
-    let known = Known { filter, lines: [wall] };
-    let mut state = polar::Resting::new();
-    row("ekf_2", worst(measure, SOURCE_NED_M, |heard| _ = black_box(filter.step(&mut state, heard))), 600);
-    let mut state = polar::Moving::new();
-    row("ekf_4", worst(measure, SOURCE_NED_M, |heard| _ = black_box(filter.step_moving(&mut state, heard))), 600);
-    let mut state = polar::Moving::new();
-    row("ekf_known_line", worst(measure, image, |heard| _ = black_box(known.step_moving(&mut state, heard))), 700);
-    let guess = unknown::Guess {
-        vehicle_ned_m: Horizontal::default(),
-        source_ned_m: SOURCE_NED_M,
-        source_sigma_m: 3.0,
-        line: wall,
-        angle_sigma_rad: 0.1,
-        offset_sigma_m: 1.0,
-    };
-    let mut state = unknown::State::default();
-    if guessed.begin(&mut state, &guess).is_err() {
-        Twin::halt(format_args!("the filter of an unknown line does not begin"));
-    }
-    row("ekf_unknown_line", worst(measure, image, |heard| _ = black_box(guessed.step(&mut state, heard))), 800);
+    let (mut state, mut path) = (polar::Resting::new(), Path(Rng::new(1, 40)));
+    let counts = (0..STEPS).map(|k| {
+        let heard = path.sighting(k, SOURCE_NED_M);
+        measure(&mut || _ = black_box(filter.step(&mut state, black_box(&heard))))
+    });
+    row("ekf_2", counts.max().unwrap_or_default(), 600);
 }
 
 /// Around the corner of [`Path`]'s wall, then in view; three walls are known.
