@@ -134,14 +134,14 @@ impl Row<'_> {
 mod tests {
     use super::*;
 
-    const LINES: &str = "equal 8\ncount phasors 2000 1900\npeer phasors idsp 9000\nerror a 4 5\ncount b 7 0";
+    const LINES: &str = "equal 8\ncount phasors 2000 1900\npeer phasors microfft 9000\nerror a 4 5\ncount b 7 0";
 
     #[test]
     fn a_row_above_its_ceiling_is_marked_and_has_its_peers_below_it() {
         let report = Report::parse(LINES).unwrap();
         assert_eq!(report.rows.iter().map(Row::is_over).collect::<Vec<_>>(), [true, false, false]);
         let table = report.table();
-        for part in ["phasors", "ABOVE", "idsp", "9000", "CMSIS dot_prod_q15x8", "5588"] {
+        for part in ["phasors", "ABOVE", "microfft", "9000", "CMSIS dot_prod_q15x8", "5588"] {
             assert!(table.contains(part), "{part}: {table}");
         }
     }

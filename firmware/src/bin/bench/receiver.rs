@@ -1,10 +1,8 @@
-//! From codes to phasors and on to a bearing, beside what other crates take for the same.
+//! From codes to phasors and on to a bearing, beside what another crate takes for the same.
 
 use core::f32::consts::TAU;
 use core::hint::black_box;
-use core::num::Wrapping;
 
-use dsp_process::SplitProcess as _;
 use foxhound_computer::frozen::Watch;
 use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::rng::Rng;
@@ -14,7 +12,6 @@ use foxhound_core::signal::phase::{self, Complex};
 use foxhound_core::signal::spectrum::tone::{Reference, Window};
 use foxhound_core::signal::spectrum::{Backend, Spectrum};
 use foxhound_firmware::board::Board as _;
-use idsp::Lowpass;
 use microfft::real::rfft_256;
 
 use crate::{N, TONE_BINS, Twin, peer, row};
@@ -43,7 +40,7 @@ impl LockIn {
     }
 }
 
-/// Phasors of four channels, and their phases; the peers find the same ones by four transforms, or by a lock-in.
+/// Phasors of four channels, and their phases; the peer finds the same ones by four transforms.
 #[inline(never)]
 pub(super) fn lock_in(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &AdcFrame<N>) {
     let ours = LockIn::new(TONE_BINS);
@@ -53,15 +50,12 @@ pub(super) fn lock_in(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &Adc
 
     row("phasors", measure(&mut || z = black_box(&ours).phasors(black_box(codes))), 1_900);
     peer("phasors", "microfft", measure(&mut || z = by_transform(black_box(codes))));
-    peer("phasors", "idsp", measure(&mut || _ = black_box(by_low_pass(black_box(codes)))));
     row(
         "phasors_and_phases",
         measure(&mut || phases = black_box(&ours).phasors(black_box(codes)).map(Complex::arg)),
         0,
     );
     peer("phasors_and_phases", "microfft", measure(&mut || phases = by_transform(black_box(codes)).map(Complex::arg)));
-    let in_turns = |[re, im]: [i32; 2]| idsp::atan2(im, re);
-    peer("phasors_and_phases", "idsp", measure(&mut || _ = black_box(by_low_pass(black_box(codes)).map(in_turns))));
     black_box((z, phases));
 
     // 5/64 of the sample rate.
@@ -106,31 +100,6 @@ fn by_transform(codes: &[[i16; N]; CHANNELS]) -> [Complex; CHANNELS] {
         let bin = rfft_256(&mut samples)[TONE_BINS as usize];
         Complex { re: bin.re * (2.0 / N as f32), im: bin.im * (2.0 / N as f32) }
     })
-}
-
-/// What low-passes of second order have arrived at by the end of the block, behind a mixer whose oscillator all channels
-/// share.
-#[inline(never)]
-fn by_low_pass(codes: &[[i16; N]; CHANNELS]) -> [[i32; 2]; CHANNELS] {
-    /// Six cycles a block, and Butterworth's damping: `k^2 / 2^32` and `-k sqrt 2`.
-    const GAIN: f64 = core::f64::consts::PI * 2_147_483_648.0 * 6.0 / N as f64;
-    const LOW_PASS: Lowpass<2> =
-        Lowpass([(GAIN * GAIN / 4_294_967_296.0) as i32, (-GAIN * core::f64::consts::SQRT_2) as i32]);
-    let step = Wrapping((TONE_BINS / N as f32 * 4_294_967_296.0) as u32 as i32);
-    let mut angle = Wrapping(0);
-    let mut states: [[_; 2]; CHANNELS] = Default::default();
-    let mut out = [[0; 2]; CHANNELS];
-    for index in 0..N {
-        let oscillator = idsp::Complex::<i32>::from_angle(angle);
-        angle += step;
-        for ((row, states), out) in codes.iter().zip(&mut states).zip(&mut out) {
-            let sample = i64::from(i32::from(row[index]) << 16);
-            for ((state, out), part) in states.iter_mut().zip(out).zip([oscillator.re(), oscillator.im()]) {
-                *out = LOW_PASS.process(state, ((sample * i64::from(part)) >> 32) as i32);
-            }
-        }
-    }
-    out
 }
 
 /// The acquisition spectrum: mean taken off, Hann's window, powers. The peer is spared the first two, and then is not.
