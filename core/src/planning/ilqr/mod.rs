@@ -207,7 +207,7 @@ impl<const M: usize> Step<M> {
     };
 }
 
-/// Memory of a solve of up to `N` steps: 180 bytes per step for two states, 292 for four.
+/// Memory of a solve of up to `N` steps.
 #[derive(Clone, Debug)]
 pub struct Workspace<const M: usize, const N: usize> {
     paths: [[Step<M>; N]; 2],

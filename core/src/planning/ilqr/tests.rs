@@ -587,10 +587,3 @@ fn whatever_the_problem_the_path_is_finite() {
         }
     }
 }
-
-#[test]
-fn the_memory_of_a_solve_is_what_the_documentation_says() {
-    assert_eq!(size_of::<Workspace<3, 20>>(), 3600);
-    assert_eq!(size_of::<Workspace<3, 50>>(), 9000);
-    assert_eq!(size_of::<Workspace<10, 50>>(), 14_600);
-}
