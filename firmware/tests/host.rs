@@ -266,20 +266,25 @@ fn it_flies_the_built_in_mission_as_the_simulators_own_computer_does() {
     });
 }
 
+/// Flies a scenario to its end, as the desktop's computer does, and replays the log of it.
+fn arrive_as_the_desktop_does(scenario: &str) -> Computing {
+    let mission = Mission { scenario: Scenario::parse(scenario).unwrap(), ..mission() };
+    let fly = |computer: &mut dyn Computer| flight::fly(&mission, computer, None, |_| ()).unwrap().report;
+    let expected = fly(&mut HostComputer::new(&mission.guidance()).unwrap());
+    let mut computing = Computing::start();
+    computing.set_up(&mission.guidance());
+    let report = fly(&mut computing);
+    assert_eq!((report.result, report.collisions), (Ending::Reached, Some(0)));
+    assert_eq!(report, expected);
+    let again = replay(&computing.console).unwrap();
+    assert!(again.is_identical() && again.trace_hash == report.trace_hash, "{again:?}");
+    computing
+}
+
 #[test]
 fn it_flies_by_the_bytes_of_a_lidar_and_tells_of_damaged_frames() {
     passes("it_flies_by_the_bytes_of_a_lidar_and_tells_of_damaged_frames", || {
-        let text = include_str!("../../tests/scenarios/lidar.json");
-        let mission = Mission { scenario: Scenario::parse(text).unwrap(), ..mission() };
-        let fly = |computer: &mut dyn Computer| flight::fly(&mission, computer, None, |_| ()).unwrap().report;
-        let expected = fly(&mut HostComputer::new(&mission.guidance()).unwrap());
-        let mut computing = Computing::start();
-        computing.set_up(&mission.guidance());
-        let report = fly(&mut computing);
-        assert_eq!((report.result, report.collisions), (Ending::Reached, Some(0)));
-        assert_eq!(report, expected);
-        let again = replay(&computing.console).unwrap();
-        assert!(again.is_identical() && again.trace_hash == report.trace_hash, "{again:?}");
+        let mut computing = arrive_as_the_desktop_does(include_str!("../../tests/scenarios/lidar.json"));
 
         // A frame of which a bit is wrong.
         let mut broken = [0x54; 47];
@@ -297,17 +302,7 @@ fn it_flies_by_the_bytes_of_a_lidar_and_tells_of_damaged_frames() {
 #[test]
 fn it_flies_by_the_lines_of_a_radio_and_tells_of_damaged_ones() {
     passes("it_flies_by_the_lines_of_a_radio_and_tells_of_damaged_ones", || {
-        let text = include_str!("../../tests/computer/uudf.json");
-        let mission = Mission { scenario: Scenario::parse(text).unwrap(), ..mission() };
-        let fly = |computer: &mut dyn Computer| flight::fly(&mission, computer, None, |_| ()).unwrap().report;
-        let expected = fly(&mut HostComputer::new(&mission.guidance()).unwrap());
-        let mut computing = Computing::start();
-        computing.set_up(&mission.guidance());
-        let report = fly(&mut computing);
-        assert_eq!((report.result, report.collisions), (Ending::Reached, Some(0)));
-        assert_eq!(report, expected);
-        let again = replay(&computing.console).unwrap();
-        assert!(again.is_identical() && again.trace_hash == report.trace_hash, "{again:?}");
+        let mut computing = arrive_as_the_desktop_does(include_str!("../../tests/computer/uudf.json"));
 
         // An azimuth out of range, and a good line.
         let say = |azimuth_deg: i32| {
