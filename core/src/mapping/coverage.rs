@@ -99,21 +99,21 @@ pub enum Cover {
 
 /// The latest scan: the range of each ray.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Profile {
+pub(crate) struct Profile {
     /// Position of the sensor.
-    pub origin_ned_m: Horizontal,
+    pub(crate) origin_ned_m: Horizontal,
     /// Azimuth of the middle of the first ray, from north.
-    pub first_ned_rad: f32,
+    pub(crate) first_ned_rad: f32,
     /// Angle from one ray to the next.
-    pub step_rad: f32,
+    pub(crate) step_rad: f32,
     /// Number of rays, and whether they cover a full turn.
-    pub rays: u8,
+    pub(crate) rays: u8,
     /// See `rays`.
-    pub closes: bool,
+    pub(crate) closes: bool,
     /// Range assigned to a ray that hits nothing.
-    pub range_m: f32,
+    pub(crate) range_m: f32,
     /// Range of each ray.
-    pub ranges: Ranges,
+    pub(crate) ranges: Ranges,
 }
 
 impl Profile {
@@ -187,8 +187,8 @@ impl Coverage {
     }
 
     /// The latest scan.
-    #[must_use]
-    pub fn latest(&self) -> &Profile {
+    #[cfg(test)]
+    pub(crate) fn latest(&self) -> &Profile {
         &self.latest
     }
 

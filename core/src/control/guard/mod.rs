@@ -186,8 +186,8 @@ impl State {
     }
 
     /// The coverage: which places the sensor has seen.
-    #[must_use]
-    pub fn coverage(&self) -> &Coverage {
+    #[cfg(test)]
+    pub(crate) fn coverage(&self) -> &Coverage {
         &self.coverage
     }
 

@@ -137,9 +137,7 @@ pub struct Rotation {
     pub loudest_ned_rad: f32,
     /// From the lowest to the highest value of the fitted pattern.
     pub contrast_db: f32,
-    /// How far the second maximum stands out of the minima around it, relative to the whole range, 0..=1.
-    pub second: f32,
-    /// Whether that is too high to distinguish them.
+    /// Whether a second maximum is too high to distinguish them.
     pub ambiguous: bool,
     /// Share of the averages that is left from earlier rotations: how strongly this bearing depends on the one
     /// before.
@@ -217,7 +215,6 @@ impl Seeker {
             sigma_rad: sqrt(fit.sigma_rad * fit.sigma_rad + least * least),
             loudest_ned_rad: bins::middle_rad(loudest),
             contrast_db: fit.contrast_db,
-            second: fit.second,
             ambiguous,
             retained: libm::expf(self.log_memory * readings_a_bin),
         })

@@ -200,12 +200,6 @@ impl<const S: usize> State<S> {
         image
     }
 
-    /// Whether there has been a sighting.
-    #[must_use]
-    pub fn is_started(&self) -> bool {
-        self.started
-    }
-
     /// Bearing, inverse range and velocity over range.
     #[must_use]
     pub fn mean(&self) -> [f32; S] {

@@ -9,7 +9,6 @@
 //! direction mirrored, every line-of-sight formula is valid. Eq. 6 and 7 are equivalent (`foxhound-papers` has them
 //! literally; a test compares).
 
-use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 
 /// A wall that reflects.
@@ -97,23 +96,6 @@ impl Wall {
         let along_m = self.along_ned().dot(from_ned_m.plus(direction_ned.times(range_m)));
         (along_m >= self.from_m - slack_m && along_m <= self.to_m + slack_m).then_some(range_m)
     }
-
-    /// The paper's slope and intercept, `m` and `c` of eq. 5, in its frame (x east, y north); infinite for a vertical
-    /// wall.
-    #[must_use]
-    pub fn slope_intercept(&self) -> [f32; 2] {
-        // n_e x + n_n y = offset.
-        let north = self.normal_ned.north;
-        [-self.normal_ned.east / north, self.offset_m / north]
-    }
-
-    /// The unbounded line of a slope and an intercept in the paper's frame (x east, y north).
-    #[must_use]
-    pub fn of_slope_intercept([m, c]: [f32; 2]) -> Self {
-        let scale = 1.0 / sqrt(1.0 + m * m);
-        let normal_ned = Horizontal { north: scale, east: -m * scale };
-        Self { normal_ned, offset_m: c * scale, from_m: -1e5, to_m: 1e5 }
-    }
 }
 
 #[cfg(test)]
@@ -179,16 +161,5 @@ mod tests {
         assert_eq!(wall.range_along_m(here, Horizontal { north: 0.0, east: 1.0 }, 0.0), None);
         assert_eq!(wall.range_along_m(here, Horizontal::from_bearing(0.6), 0.0), None);
         assert!(wall.range_along_m(here, Horizontal::from_bearing(0.6), 0.5).is_some());
-    }
-
-    #[test]
-    fn the_papers_slope_and_intercept_are_those_of_its_frame() {
-        // y = 0.5 x + 3, x east and y north.
-        let at = |x: f32| Horizontal { north: 0.5 * x + 3.0, east: x };
-        let line = Wall::between(at(-4.0), at(7.0)).unwrap();
-        let [m, c] = line.slope_intercept();
-        assert!((m - 0.5).abs() < 1e-5 && (c - 3.0).abs() < 1e-5, "{m} {c}");
-        let again = Wall::of_slope_intercept([m, c]);
-        assert!(again.distance_m(at(5.0)).abs() < 1e-4);
     }
 }

@@ -187,12 +187,6 @@ impl State {
         }
     }
 
-    /// Whether a search is in progress.
-    #[must_use]
-    pub fn is_searching(&self) -> bool {
-        self.began.is_some()
-    }
-
     fn looked(&self, cell: Cell) -> bool {
         has(&self.looked, cell)
     }

@@ -236,7 +236,7 @@ fn a_search_ends_by_time_and_begins_anew_where_the_vehicle_is_after_its_end() {
         assert_eq!(step(&mut state, s, &pose), Explored::TimedOut);
     }
     state.end();
-    assert!(!state.is_searching() && state.looked == [0; SIDE]);
+    assert!(state.began.is_none() && state.looked == [0; SIDE]);
     let elsewhere = Pose { position_ned_m: at(-300.0, 9.0), yaw_rad: 1.0 };
     let Explored::Target(target) = step(&mut state, 301.0, &elsewhere) else { panic!("no target") };
     assert!(target.minus(elsewhere.position_ned_m).norm() < 4.0, "{target:?}");
@@ -256,7 +256,7 @@ fn a_signal_that_flickers_does_not_renew_a_search() {
     }
     assert_eq!(step(&mut state, 21.0), Explored::TimedOut);
     (0..HOMED_MIN).for_each(|_| state.home());
-    assert!(!state.is_searching());
+    assert!(state.began.is_none());
     assert!(matches!(step(&mut state, 22.0), Explored::Target(_)));
 }
 
@@ -328,7 +328,7 @@ fn poses_ranges_and_circles_that_are_no_numbers_do_no_harm() {
     let mut state = State::new();
     let nowhere = Pose { position_ned_m: at(f32::NAN, 0.0), yaw_rad: 0.0 };
     assert_eq!(explorer.step(&mut state, seconds(1.0), &nowhere, &around(3.0), [].iter()), Explored::NoPose);
-    assert!(!state.is_searching());
+    assert!(state.began.is_none());
     let here = explorer.step(&mut state, seconds(1.0), &Pose::default(), &around(3.0), [].iter());
     assert!(matches!(here, Explored::Target(_)));
     // The target is unchanged.

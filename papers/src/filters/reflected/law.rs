@@ -81,9 +81,9 @@ pub fn reflect(p: [f32; 2], t: [f32; 2], [m, c]: [f32; 2]) -> Result<Ray, Degene
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::filters::reflected::of_slope_intercept;
     use foxhound_core::base::ned::Horizontal;
     use foxhound_core::base::rng::Rng;
-    use foxhound_core::mapping::walls::Wall;
 
     fn case(rng: &mut Rng) -> ([f32; 2], [f32; 2], [f32; 2]) {
         let mut point = || [20.0 * rng.uniform() - 10.0, 20.0 * rng.uniform() - 10.0];
@@ -120,7 +120,7 @@ mod tests {
         let mut cases = 0;
         for _ in 0..2000 {
             let (p, t, [m, c]) = case(&mut rng);
-            let line = Wall::of_slope_intercept([m, c]);
+            let line = of_slope_intercept([m, c]);
             let ned = |q: [f32; 2]| Horizontal { north: q[1], east: q[0] };
             if line.distance_m(ned(p)) * line.distance_m(ned(t)) < 0.01 {
                 continue;

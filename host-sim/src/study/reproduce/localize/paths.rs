@@ -20,6 +20,7 @@ use foxhound_core::base::ned::Horizontal as Core;
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::mapping::walls::Wall;
 use foxhound_core::planning::ilqr::{Bound, Config, Guess, Outcome, Problem, Solution, Workspace};
+use foxhound_papers::filters::reflected;
 use plotters::prelude::{Circle, PathElement, RGBColor, Rectangle};
 use plotters::style::Color as _;
 use plotters::style::text_anchor::{HPos, VPos};
@@ -177,7 +178,7 @@ fn rows(weight: f32, step_max_m: f32) -> Option<[Row; 2]> {
         let solution = planner.solve(&mut workspace, &problem([0.1, 0.0, 0.1], &obstacles, None, swing_m));
         (solution.cost, Row::of(weight, step_max_m, &solution))
     })?;
-    let wall = Wall::of_slope_intercept([0.0, 100.0]);
+    let wall = reflected::of_slope_intercept([0.0, 100.0]);
     let reflected = cheapest::<10>(|swing_m| {
         let mut workspace = Box::new(Workspace::<10, STEPS>::new());
         let covariance = [0.1, 0.0, 0.1, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.1];

@@ -1,6 +1,7 @@
 use std::vec::Vec;
 
 use super::*;
+use crate::filters::reflected::{of_slope_intercept, slope_intercept};
 use foxhound_core::base::rng::Rng;
 use foxhound_core::base::units::sin_cos;
 use foxhound_core::mapping::walls::Wall;
@@ -39,7 +40,7 @@ fn guess(source: Horizontal, line: [f32; 2]) -> Guess {
 }
 
 fn fly(filter: &Filter, state: &mut State, source: Horizontal, rng: &mut Rng) {
-    let image = Wall::of_slope_intercept(WALL).mirror(source);
+    let image = of_slope_intercept(WALL).mirror(source);
     for k in 0..300 {
         let from = circle(k);
         let bearing = image.minus(from).bearing_rad() + SIGMA_RAD * rng.gaussian();
@@ -75,13 +76,13 @@ fn with_the_line_unknown_the_image_is_found_and_the_frame_is_that_of_the_map() {
     assert!(state.estimate().unwrap().place_ned_m.minus(source).norm() < 1e-4);
     let [m, c] = state.slope_intercept();
     assert!((m - WALL[0]).abs() < 1e-5 && (c - WALL[1]).abs() < 1e-4, "{m} {c}");
-    let image = Wall::of_slope_intercept(WALL).mirror(source);
+    let image = of_slope_intercept(WALL).mirror(source);
     let mut errors: Vec<f32> = (0..100)
         .map(|_| {
             let from = source.plus(at(2.0 * rng.gaussian(), 2.0 * rng.gaussian()));
             filter.begin_unknown(&mut state, &guess(from, [0.45, 9.5])).unwrap();
             fly(&filter, &mut state, source, &mut rng);
-            let line = Wall::of_slope_intercept(state.slope_intercept());
+            let line = of_slope_intercept(state.slope_intercept());
             line.mirror(state.estimate().unwrap().place_ned_m).minus(image).norm()
         })
         .collect();
@@ -94,7 +95,7 @@ fn vertical_walls_filters_that_have_not_begun_and_vehicles_on_the_line_are_told(
     let filter = Config::DEFAULT.build().unwrap();
     let mut state = State::default();
     assert_eq!(filter.step(&mut state, &sighting(at(0.0, 0.0), 0.1)), Err(Degenerate::NotBegun));
-    let vertical = Wall::between(at(-9.0, 8.0), at(9.0, 8.0)).unwrap().slope_intercept();
+    let vertical = slope_intercept(&Wall::between(at(-9.0, 8.0), at(9.0, 8.0)).unwrap());
     let steep = guess(at(2.0, 2.0), vertical);
     assert_eq!(filter.begin_known(&mut state, &steep), Err(Degenerate::Vertical));
     assert_eq!(filter.begin_unknown(&mut state, &steep), Err(Degenerate::Vertical));

@@ -3,7 +3,7 @@
 use foxhound_core::ConfigError;
 use foxhound_core::localize::source::{Estimate, Sighting, Update, polar};
 use foxhound_papers::filters::cartesian;
-use foxhound_papers::filters::reflected::{Degenerate, Known, Unknown, literal, unknown};
+use foxhound_papers::filters::reflected::{self, Degenerate, Known, Unknown, literal, unknown};
 
 use super::picture::Figure;
 use super::scene::{Scene, around, draw_before, draw_range, draw_slanted};
@@ -155,7 +155,7 @@ impl Stage {
                 vehicle_sigma_m: 0.01,
                 source_ned_m: source.along(Horizontal::from_bearing(anywhere_rad(&mut self.random)), FIG_3_M).to_core(),
                 source_sigma_m: (FIG_3_M / std::f64::consts::SQRT_2) as f32,
-                slope_intercept: wall.to_core().slope_intercept(),
+                slope_intercept: reflected::slope_intercept(&wall.to_core()),
                 slope_intercept_sigma: [0.0; 2],
             };
             let mut state = literal::State::default();
@@ -248,7 +248,7 @@ impl Stage {
             };
             self.follow_unknown(&ours, &guess, &course, &sightings, initial_m);
 
-            let [m, c] = line.slope_intercept();
+            let [m, c] = reflected::slope_intercept(&line);
             let stretch = libm::hypot(1.0, f64::from(m));
             let lever_m = libm::hypot(offset_sigma_m, GUESS_RAD * guessed.norm());
             let guess = literal::Guess {
@@ -269,7 +269,7 @@ impl Stage {
                 let heard = paper.step(&mut state, sighting);
                 (heard, state.estimate())
             });
-            let line = foxhound_core::mapping::walls::Wall::of_slope_intercept(state.slope_intercept());
+            let line = reflected::of_slope_intercept(state.slope_intercept());
             let image = places.last().copied().flatten().map(|estimate| line.mirror(estimate.place_ned_m));
             self.paper.judge(&course, image.map(from_core), initial_m);
         }
