@@ -60,8 +60,6 @@ pub struct Report {
     pub readings: Vec<Read>,
     /// What the paper says of all: growth of the success rate, and of the relative length, percent.
     pub printed_gains_percent: [f64; 2],
-    /// What an independent reproduction found over all: rates of baseline and paper.
-    pub independent_rates: [f64; 2],
     #[serde(skip)]
     pictured: Option<Pictured>,
 }
@@ -214,7 +212,6 @@ impl Study for Report {
             all: flown.columns(|_| true),
             readings,
             printed_gains_percent: PRINTED_GAINS_PERCENT,
-            independent_rates: INDEPENDENT,
             pictured: flown.pictured(rules)?,
         })
     }

@@ -54,8 +54,6 @@ pub struct Report {
     pub process_noise_m2: f32,
     /// Noise of the bearings.
     pub bearing_sigma_rad: f32,
-    /// `Xi` without any measurement and without added noise.
-    pub xi_initial_m2: f64,
     /// One case with one weight each.
     pub rows: Vec<Row>,
 }
@@ -202,7 +200,6 @@ pub fn run() -> Report {
         experiment: "localize-paths",
         process_noise_m2: PROCESS_NOISE_M2,
         bearing_sigma_rad: config(0.0, 1.0).bearing_sigma_rad,
-        xi_initial_m2: STEPS as f64 * 0.2,
         rows: all,
     }
 }

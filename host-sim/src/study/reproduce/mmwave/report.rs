@@ -10,13 +10,12 @@ use plotters::style::text_anchor::{HPos, VPos};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::agent::{Kind, OFFSET_M};
-use super::cycle::{PERIOD, STEP_M};
-use super::known::RANGE_M;
+use super::agent::Kind;
+use super::cycle::STEP_M;
 use super::plan::Plan;
 use super::radio::Link;
-use super::scenarios::{CLASSES, DISTANCE_MIN_M, PLANS, Scenario};
-use super::trial::{CYCLES_MAX, FOUND_M, Noise, Trial};
+use super::scenarios::{CLASSES, PLANS, Scenario};
+use super::trial::{CYCLES_MAX, Noise, Trial};
 use crate::drive::suite::wilson_95;
 use crate::record::sheet::{Drawn, FAINT_INK, GROUND, INK, fill, line, path, pixels, text, write_svg};
 use crate::scenario::input::InputError;
@@ -52,8 +51,6 @@ pub struct Report {
     pub scenarios: usize,
     /// Plans.
     pub plans: u32,
-    /// What the paper leaves open.
-    pub rules: Rules,
     /// Path length after which a search counts as failed.
     pub limit_m: f64,
     /// By noise.
@@ -64,25 +61,6 @@ pub struct Report {
     profiles: Vec<Vec<Vec<Vec<f64>>>>,
     #[serde(skip)]
     pictured: Option<Pictured>,
-}
-
-/// What the paper leaves open, and how it is here.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct Rules {
-    /// Longest step of a control cycle.
-    pub step_m: f64,
-    /// Control cycles between trajectories, and of the baseline's targets.
-    pub period_cycles: u32,
-    /// How far ahead the baseline's target is.
-    pub offset_m: f64,
-    /// Range of the sensor, which sees all around.
-    pub sensor_range_m: f64,
-    /// The transmitter is found within this distance, in sight.
-    pub found_m: f64,
-    /// A start is at least so far from the transmitter.
-    pub distance_min_m: f64,
-    /// Control cycles that are simulated.
-    pub cycles_max: u32,
 }
 
 /// Results at one noise.
@@ -205,15 +183,6 @@ impl Report {
             seed: settings.seed,
             scenarios: scenarios.len(),
             plans: PLANS,
-            rules: Rules {
-                step_m: STEP_M,
-                period_cycles: PERIOD,
-                offset_m: OFFSET_M,
-                sensor_range_m: RANGE_M,
-                found_m: FOUND_M,
-                distance_min_m: DISTANCE_MIN_M,
-                cycles_max: CYCLES_MAX,
-            },
             limit_m,
             noises: noises.collect(),
             printed: PRINTED,
