@@ -71,7 +71,8 @@ fn bearings_of_a_radio_are_flown_by_and_its_silence_is_a_hold() {
     end();
 }
 
-/// Without `--source` the distance to the beacon is unknown: the flight ends when it is interrupted, without a bearing error in its result.
+/// Without `--source` the beacon's position is unknown: the flight ends when it is interrupted, and neither its result nor its MCAP file has
+/// a number that needs that position, or the signal-to-noise ratio that the radio does not tell.
 #[test]
 fn a_beacon_whose_place_is_not_known_is_flown_to_until_it_is_stopped() {
     let _machine = share_machine();
@@ -81,12 +82,24 @@ fn a_beacon_whose_place_is_not_known_is_flown_to_until_it_is_stopped() {
     let source = format!("udp:127.0.0.1:{port}");
     let mut command = foxhound();
     command.args(["companion", "--autopilot", &bench.address, "--json", "--obstacles", "none"]);
-    command.args(["--bearings", &source, "--params", &params()]);
+    let folder = tempfile::tempdir().unwrap();
+    let mcap = folder.path().join("flight.mcap");
+    command.args(["--bearings", &source, "--params", &params(), "--mcap", &text(&mcap)]);
     let child = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().unwrap();
     bench.wait("it flies", |heard| heard.position_ned_m[0] > 3.0);
     signal(child.id(), "-INT");
     let (code, report) = ended(child);
     assert!(code == 130 && report["bearing_rms_deg"].is_null(), "{report}");
+    // Its messages are JSON, uncompressed. Schemas have these names, too, with an object.
+    let messages = String::from_utf8_lossy(&std::fs::read(&mcap).unwrap()).into_owned();
+    let numbers = |name: &str| {
+        let key = format!("\"{name}\":");
+        let is_number = |piece: &&str| piece.starts_with(|first: char| first == '-' || first.is_ascii_digit());
+        messages.split(&key).skip(1).filter(is_number).count()
+    };
+    assert!(numbers("bearing_deg") > 10);
+    // The scenario has the range of a sensor and the ratio of simulated waveforms.
+    assert_eq!(["range_m", "error_deg", "error_m", "snr_db"].map(numbers), [1, 0, 0, 1]);
     end();
 }
 

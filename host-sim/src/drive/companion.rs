@@ -470,6 +470,7 @@ impl Flight<'_, '_> {
                 computer,
                 frame: snapshot.as_deref(),
                 picture: self.senses.picture(now),
+                knows_source: self.config.is_source_known,
             });
             watch(&news, moment.as_ref());
 

@@ -245,7 +245,8 @@ pub fn fly_until(
             let picture = rig.downward.as_ref().and_then(|downward| downward.fresh(time_s));
             let (output, computer) = (&report.output, &*computer);
             let frame = heard.frame();
-            watch(&Moment { world: &rig.world, motion, sample: &sample, output, computer, frame, picture });
+            let (world, sample) = (&rig.world, &sample);
+            watch(&Moment { world, motion, sample, output, computer, frame, picture, knows_source: true });
             clock = Clock::at(computer, tick + 1);
             let step_s = if computer.next_step_s().is_some() { clock.time_s - time_s } else { TICK_S };
             Ok::<_, ComputerError>((Answer { tx: report.tx, step_s }, report.output))

@@ -119,6 +119,8 @@ pub struct Moment<'a> {
     pub frame: Option<&'a AdcFrame<BLOCK>>,
     /// The latest picture of the camera that looks down, now and then.
     pub picture: Option<&'a Picture>,
+    /// Whether the world's source is where the beacon is; a flight by a radio may not know where that is.
+    pub knows_source: bool,
 }
 
 /// The data for a picture of the flight.

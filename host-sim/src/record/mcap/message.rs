@@ -46,15 +46,16 @@ pub(super) fn vehicle(motion: &Motion, step: &Step) -> Value {
     with(message, &[("clearance_m", step.clearance_m)])
 }
 
-pub(super) fn beacon(step: &Step) -> Value {
-    json!({ "bearing_deg": step.truth_deg, "range_m": step.truth_m })
+/// `None` where the beacon's position is unknown.
+pub(super) fn beacon(step: &Step) -> Option<Value> {
+    Some(json!({ "bearing_deg": step.truth_deg?, "range_m": step.truth_m? }))
 }
 
-pub(super) fn bearing(heard: &Bearing, truth_deg: f64) -> Value {
+pub(super) fn bearing(heard: &Bearing, truth_deg: Option<f64>) -> Value {
     let Bearing { valid, bearing_deg, sigma_deg, snr_db, flags } = heard;
-    let message = json!({ "valid": valid, "flags": flags, "sigma_deg": sigma_deg, "snr_db": snr_db });
-    let error_deg = bearing_deg.map(|deg| libm::remainder(deg - truth_deg, 360.0));
-    with(message, &[("bearing_deg", *bearing_deg), ("error_deg", error_deg)])
+    let message = json!({ "valid": valid, "flags": flags, "sigma_deg": sigma_deg });
+    let error_deg = bearing_deg.zip(truth_deg).map(|(deg, truth_deg)| libm::remainder(deg - truth_deg, 360.0));
+    with(message, &[("bearing_deg", *bearing_deg), ("error_deg", error_deg), ("snr_db", *snr_db)])
 }
 
 pub(super) fn setpoint(step: &Step) -> Value {
@@ -82,10 +83,11 @@ pub(super) fn tracks(tracks: &Tracks) -> Value {
     json!({ "tracks": tracks.tracks.iter().map(one).collect::<Vec<_>>() })
 }
 
-/// The estimate of the source; `truth` is its true position.
-pub(super) fn source(step: &Step, truth: Enu) -> Value {
+/// The estimate of the source; `truth` is its true position, if known.
+pub(super) fn source(step: &Step, truth: Option<Enu>) -> Value {
     let believed = step.source_m;
-    let error_m = believed.map(|[east_m, north_m]| libm::hypot(east_m - truth.x, north_m - truth.y));
+    let error_m =
+        believed.zip(truth).map(|([east_m, north_m], truth)| libm::hypot(east_m - truth.x, north_m - truth.y));
     let fields = [
         ("followed_deg", step.followed_deg),
         ("east_m", believed.map(|[east_m, _]| east_m)),
@@ -117,4 +119,21 @@ pub(super) fn plan(plan: &Plan) -> Value {
         object.insert("chosen".to_owned(), chosen.into());
     }
     with(message, &[("cost", plan.cost)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_unknown_is_left_out() {
+        let heard = Bearing { valid: true, bearing_deg: Some(10.0), ..Bearing::default() };
+        let message = bearing(&heard, None);
+        assert_eq!(message, json!({ "valid": true, "flags": [], "sigma_deg": 0.0, "bearing_deg": 10.0 }));
+        assert_eq!(bearing(&heard, Some(350.0))["error_deg"], 20.0);
+
+        let step = Step { source_m: Some([3.0, 4.0]), ..Step::default() };
+        assert_eq!((beacon(&step), source(&step, None)), (None, json!({ "east_m": 3.0, "north_m": 4.0 })));
+        assert_eq!(source(&step, Some(Enu::default()))["error_m"], 5.0);
+    }
 }

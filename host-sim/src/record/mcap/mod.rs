@@ -158,7 +158,7 @@ impl Log {
         let stamp = scene::stamp(time_ns);
         let attitude = Rotation::of(&motion.pose);
         let beacon = moment.world.source_at(moment.sample.time_s);
-        let beacon = enu([beacon.north, beacon.east, moment.world.source_down_m]);
+        let beacon = moment.knows_source.then(|| enu([beacon.north, beacon.east, moment.world.source_down_m]));
         self.put(
             "/tf",
             &json!({
@@ -169,7 +169,9 @@ impl Log {
         let pose = scene::pose(place, attitude);
         self.put("/pose", &json!({ "timestamp": stamp, "frame_id": scene::MAP, "pose": pose }));
         self.put("/vehicle", &message::vehicle(motion, step));
-        self.put("/beacon", &message::beacon(step));
+        if let Some(beacon) = message::beacon(step) {
+            self.put("/beacon", &beacon);
+        }
         self.put("/setpoint", &message::setpoint(step));
         self.put("/outcome", &json!({ "outcome": step.outcome }));
         self.put("/guard", &json!({ "action": step.guard }));
@@ -187,10 +189,10 @@ impl Log {
             self.put("/scene/moment", &scene::moment(time_ns, place, step, self.radius_m));
             let pillar = |pillar: crate::world::Pillar| [pillar.center.east, pillar.center.north, pillar.radius_m];
             let mut pillars: Vec<[f64; 3]> = moment.world.pillars_at(moment.sample.time_s).map(pillar).collect();
-            pillars.push([beacon.x, beacon.y, 0.0]);
+            let standing = pillars.len();
+            pillars.extend(beacon.map(|beacon| [beacon.x, beacon.y, 0.0]));
             if self.pillars.as_ref() != Some(&pillars) {
-                let standing = &pillars[..pillars.len() - 1];
-                self.put("/scene/world", &scene::world(time_ns, standing, beacon, height_m(place)));
+                self.put("/scene/world", &scene::world(time_ns, &pillars[..standing], beacon, height_m(place)));
                 self.pillars = Some(pillars);
             }
         }

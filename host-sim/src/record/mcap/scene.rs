@@ -105,10 +105,11 @@ fn line(points: impl Iterator<Item = Enu>, thickness_m: f64, of: Color) -> Value
     })
 }
 
-/// The truth: pillars, up to the drawn height, and the beacon.
-pub(super) fn world(time_ns: u64, pillars: &[[f64; 3]], beacon: Enu, height_m: f64) -> Value {
+/// The truth: pillars, up to the drawn height, and the beacon, if it is known.
+pub(super) fn world(time_ns: u64, pillars: &[[f64; 3]], beacon: Option<Enu>, height_m: f64) -> Value {
     let cylinders = pillars.iter().map(|pillar| cylinder(*pillar, height_m, PILLAR)).collect();
-    scene(time_ns, "world", [Vec::new(), vec![sphere(beacon, BEACON_M, BEACON)], cylinders, Vec::new()])
+    let beacon = beacon.map(|beacon| sphere(beacon, BEACON_M, BEACON)).into_iter().collect();
+    scene(time_ns, "world", [Vec::new(), beacon, cylinders, Vec::new()])
 }
 
 /// The circles of the obstacle map, a little lower.

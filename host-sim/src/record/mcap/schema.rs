@@ -219,9 +219,12 @@ pub(super) fn bearing() -> Value {
         &[
             ("valid", flag("Whether it may be used.")),
             ("bearing_deg?", number("From north, clockwise; missing without a valid attitude.")),
-            ("error_deg?", number("The bearing minus the true one, within half a turn.")),
+            (
+                "error_deg?",
+                number("The bearing minus the true one, within half a turn; missing where that is unknown."),
+            ),
             ("sigma_deg", number("Its estimated standard deviation.")),
-            ("snr_db", number("Signal-to-noise ratio.")),
+            ("snr_db?", number("Signal-to-noise ratio; missing from a radio that does not tell it.")),
             ("flags", list(&text("Its flags."))),
         ],
     )
@@ -269,7 +272,7 @@ pub(super) fn source() -> Value {
             ("east_m?", number("Estimated position of the source.")),
             ("north_m?", number("")),
             ("sigma_m?", number("Its standard deviation.")),
-            ("error_m?", number("Distance from the estimate to the true position.")),
+            ("error_m?", number("Distance from the estimate to the true position, if that is known.")),
         ],
     )
 }

@@ -113,9 +113,11 @@ pub struct Step {
     /// From the hull to the nearest pillar.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub clearance_m: Option<f64>,
-    /// True bearing of the beacon from the vehicle, and its distance.
-    pub truth_deg: f64,
-    pub truth_m: f64,
+    /// True bearing of the beacon from the vehicle, and its distance, where they are known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub truth_deg: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub truth_m: Option<f64>,
     /// The bearing measured in this step, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub heard: Option<Bearing>,
@@ -169,7 +171,9 @@ pub struct Bearing {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bearing_deg: Option<f64>,
     pub sigma_deg: f64,
-    pub snr_db: f64,
+    /// `None` from a radio that does not tell it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub snr_db: Option<f64>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub flags: Vec<&'static str>,
 }

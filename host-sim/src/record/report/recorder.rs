@@ -186,8 +186,8 @@ fn begin(mission: &Mission, config: &guidance::Config, command: String) -> Begin
 
 /// A step, without its time and the guard's reason.
 fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
-    let Moment { world, motion, sample, output, computer, .. } = moment;
-    let to_source = world.source_at(sample.time_s).minus(sample.position);
+    let Moment { world, motion, sample, output, computer, knows_source, .. } = moment;
+    let to_source = knows_source.then(|| world.source_at(sample.time_s).minus(sample.position));
     let clearance =
         |pillar: Pillar| pillar.center.minus(sample.position).norm() - pillar.radius_m - f64::from(radius_m);
     let [north, east, down_mps] = motion.velocity_ned_mps;
@@ -195,7 +195,10 @@ fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
         valid: bearing.valid && bearing.azimuth_rad.is_finite(),
         bearing_deg: output.bearing_ned_rad.filter(|rad| rad.is_finite()).map(|rad| degrees(f64::from(rad))),
         sigma_deg: degrees(f64::from(bearing.sigma_rad)),
-        snr_db: rounded(f64::from(bearing.quality.snr_db), 1),
+        // Exactly zero is that of a radio that tells angles only.
+        snr_db: Some(f64::from(bearing.quality.snr_db))
+            .filter(|snr_db| *snr_db != 0.0)
+            .map(|snr_db| rounded(snr_db, 1)),
         flags: bearing.flags.names().collect(),
     });
     Step {
@@ -214,8 +217,8 @@ fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
         guard_reason: None,
         landing: output.landing.map(landing),
         clearance_m: world.pillars_at(sample.time_s).map(clearance).min_by(f64::total_cmp).map(milli),
-        truth_deg: degrees(to_source.bearing_rad()),
-        truth_m: milli(to_source.norm()),
+        truth_deg: to_source.map(|to_source| degrees(to_source.bearing_rad())),
+        truth_m: to_source.map(|to_source| milli(to_source.norm())),
         heard,
         followed_deg: output.source_bearing_ned_rad.filter(|rad| rad.is_finite()).map(|rad| degrees(f64::from(rad))),
         source_m: output.source.map(|source| core_xy(source.place_ned_m)),

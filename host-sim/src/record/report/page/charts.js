@@ -4,14 +4,14 @@ const stepSeries = (of) => () => flight.steps.map((step) => [step.time_s, of(ste
 const planSeries = (of) => () => flight.plans.flatMap((plan) => of(plan).map((value) => [plan.time_s, value]));
 const last = (list) => list[list.length - 1];
 
-/** Bearings without jumps of a turn: each within half a turn of the truth, and that of the one before. */
+/** Bearings without jumps of a turn: each within half a turn of the truth, or else of what is followed, and that of the one before. */
 function unrolled(of) {
   return () => {
-    let truth = 0;
-    return flight.steps.map((step, index) => {
-      truth = index ? truth + wrap_deg(step.truth_deg - flight.steps[index - 1].truth_deg) : step.truth_deg;
+    let around = 0;
+    return flight.steps.map((step) => {
+      around += wrap_deg((step.truth_deg ?? step.followed_deg ?? around) - around);
       const value = of(step);
-      return [step.time_s, value === undefined ? undefined : truth + wrap_deg(value - step.truth_deg)];
+      return [step.time_s, value === undefined ? undefined : around + wrap_deg(value - around)];
     });
   };
 }
@@ -90,7 +90,7 @@ const CHARTS = [
   {
     title: "Height", unit: "m", zero: true,
     series: [
-      { name: "beacon", kind: "level", color: "green", at: () => flight.begin.beacon_height_m, value: () => number(flight.begin.beacon_height_m, 2) },
+      { name: "beacon", kind: "level", color: "green", at: () => (knowsBeacon() ? flight.begin.beacon_height_m : undefined), value: () => number(knowsBeacon() ? flight.begin.beacon_height_m : undefined, 2) },
       { name: "sees the pad", kind: "dots", color: "red", points: stepSeries((s) => (s.landing && s.landing.sees_pad ? s.height_m : undefined)), value: (s) => (s.landing && s.landing.sees_pad ? "yes" : "no") },
       { name: "vehicle", kind: "line", color: "blue", points: stepSeries((s) => s.height_m), value: (s) => number(s.height_m, 2) },
     ],
@@ -133,7 +133,7 @@ function legendEntry(caption, entry, isLane) {
 /** Least and greatest of a chart's values, with room around them. */
 function rangeOf(chart, data) {
   const values = chart.series.flatMap((series, index) => {
-    if (series.kind === "level") return [series.at()];
+    if (series.kind === "level") return [series.at() ?? []].flat();
     const list = data[index].map((point) => point[1]).filter((value) => Number.isFinite(value));
     return series.kind === "band" ? list.flatMap((value) => [value, -value]) : list;
   }).sort((a, b) => a - b);
@@ -170,7 +170,7 @@ function drawSeries(chart, picture) {
 function drawOne(series, points, { context, x, y, width }) {
   const style = { color: colors[series.color], width: 1.6, dash: series.dash ?? [] };
   if (series.kind === "level") {
-    line(context, [[EDGE.left, y(series.at())], [width - EDGE.right, y(series.at())]], { ...style, width: 1.1, dash: [2, 3] });
+    if (series.at() !== undefined) line(context, [[EDGE.left, y(series.at())], [width - EDGE.right, y(series.at())]], { ...style, width: 1.1, dash: [2, 3] });
   } else if (series.kind === "dots") {
     const there = apart(points.filter((point) => Number.isFinite(point[1])), x, y);
     const size = there.length > 300 ? 2.4 : 3.6;

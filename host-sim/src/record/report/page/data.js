@@ -57,7 +57,14 @@ function wrap_deg(angle_deg) {
 
 /** The bearing that was heard in a step, and its error; none without a valid one. */
 const heard_deg = (step) => (step.heard && step.heard.valid ? step.heard.bearing_deg : undefined);
-const bearingError_deg = (step) => (heard_deg(step) === undefined ? undefined : wrap_deg(heard_deg(step) - step.truth_deg));
+const bearingError_deg = (step) => (heard_deg(step) === undefined || step.truth_deg === undefined ? undefined : wrap_deg(heard_deg(step) - step.truth_deg));
+
+/** Whether it is known where the beacon is: a flight by a radio may not know, and its steps tell no distance from it. */
+const knowsBeacon = () => !flight.steps.length || flight.steps[0].truth_m !== undefined;
+/** How far the beacon is, in words, after a comma. */
+const toBeacon = (step) => (step.truth_m === undefined ? "" : `, ${step.truth_m.toFixed(1)} metres from the beacon`);
+/** How long a bearing is drawn: to the beacon, or as far as ten metres. */
+const reach_m = (step) => step.truth_m ?? 10;
 
 /** The beacon at a time: it moves straight on. */
 function beaconAt(time_s) {
@@ -83,7 +90,7 @@ function pillarsAt(time_s) {
 
 /** How far off the source is believed to be, metres. */
 function sourceError_m(step) {
-  if (!step.source_m) return undefined;
+  if (!step.source_m || !knowsBeacon()) return undefined;
   const beacon = beaconAt(step.time_s);
   return Math.hypot(step.source_m[0] - beacon[0], step.source_m[1] - beacon[1]);
 }

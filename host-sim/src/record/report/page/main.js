@@ -56,13 +56,13 @@ function tell(step, plan) {
   map.dataset.step = String(replay.index);
   const near = step.clearance_m === undefined ? "" : `, ${step.clearance_m.toFixed(2)} metres clear of the nearest pillar`;
   const where = ([east, north]) => `${east.toFixed(2)} metres east and ${north.toFixed(2)} north`;
-  map.setAttribute("aria-label", `Map. The vehicle is ${where([x, y])}, ${step.truth_m.toFixed(1)} metres from the beacon${near}.`);
+  map.setAttribute("aria-label", `Map. The vehicle is ${where([x, y])}${toBeacon(step)}${near}.`);
   const lowest = plan ? `Potential of plan ${plan.id}, lowest at the target, ${where(plan.target_m)}.` : "No plan yet.";
   byId("field").setAttribute("aria-label", lowest);
   const slider = byId("time");
   slider.value = String(replay.index);
   slider.setAttribute("aria-valuetext", `${seconds(step.time_s)}, ${words(step.outcome)}`);
-  if (!replay.playing) tellAloud(`${seconds(step.time_s)}: ${words(step.outcome)}, guard ${step.guard}${step.guard_reason ? `, ${step.guard_reason}` : ""}. ${step.height_m.toFixed(1)} metres high, ${step.truth_m.toFixed(1)} metres from the beacon.`);
+  if (!replay.playing) tellAloud(`${seconds(step.time_s)}: ${words(step.outcome)}, guard ${step.guard}${step.guard_reason ? `, ${step.guard_reason}` : ""}. ${step.height_m.toFixed(1)} metres high${toBeacon(step)}.`);
   byId("clock").textContent = `${step.time_s.toFixed(2)} / ${duration_s().toFixed(2)} s`;
 }
 

@@ -48,8 +48,7 @@ function bounds() {
     box[3] = Math.max(box[3], y + 0.3);
   };
   flight.steps.forEach((step) => stretch(step.place_m));
-  stretch(beaconAt(0));
-  stretch(beaconAt(duration_s()));
+  if (knowsBeacon()) [0, duration_s()].forEach((time_s) => stretch(beaconAt(time_s)));
   Object.assign(bounded, { begin: flight.begin, steps: flight.steps.length, box });
   return box;
 }
@@ -260,20 +259,23 @@ function drawEnds({ context, at, time_s }) {
     disc(context, at([x, y]), 4, { fill: colors.faint });
   }
   const begun = flight.steps.length ? flight.steps[0].place_m : start;
-  const beacon = at(beaconAt(time_s));
-  disc(context, beacon, goal_tolerance * camera.scale, { stroke: colors.green, width: 1.4, dash: [3, 3] });
-  [9, 14].forEach((radius) => disc(context, beacon, radius, { stroke: colors.green, alpha: 0.6 }));
-  disc(context, beacon, 5, { fill: colors.green });
+  if (knowsBeacon()) {
+    const beacon = at(beaconAt(time_s));
+    disc(context, beacon, goal_tolerance * camera.scale, { stroke: colors.green, width: 1.4, dash: [3, 3] });
+    [9, 14].forEach((radius) => disc(context, beacon, radius, { stroke: colors.green, alpha: 0.6 }));
+    disc(context, beacon, 5, { fill: colors.green });
+  }
   disc(context, at(begun), 5, { fill: colors.ground, stroke: colors.ink, width: 2 });
 }
 
 /** The last bearing, with two standard deviations to either side. */
 function drawHeard(picture) {
-  const { heard, place_m, truth_m } = picture.step;
+  const { heard, place_m } = picture.step;
+  const far_m = reach_m(picture.step);
   const deg = heard_deg(picture.step);
   if (deg === undefined) return;
-  sector(picture, place_m, [deg, Math.min(2 * heard.sigma_deg, 90), truth_m], colors.green, 0.2);
-  const ends = [place_m, away(place_m, deg, truth_m)].map(picture.at);
+  sector(picture, place_m, [deg, Math.min(2 * heard.sigma_deg, 90), far_m], colors.green, 0.2);
+  const ends = [place_m, away(place_m, deg, far_m)].map(picture.at);
   line(picture.context, ends, { color: colors.green, alpha: 0.8, dash: [6, 4] });
 }
 

@@ -28,7 +28,7 @@ const stageOf = (step) => (step.landing ? step.landing.stage : "seeking");
 /** The heights of the picture: the ground, or below it what was flown; and a little over the flight. */
 function heightRange() {
   const [low, high] = extent(flight.steps.map((step) => step.height_m));
-  return [Math.min(low, 0), Math.max(high, flight.begin.beacon_height_m, 1) * 1.15];
+  return [Math.min(low, 0), Math.max(high, knowsBeacon() ? flight.begin.beacon_height_m : 0, 1) * 1.15];
 }
 
 function drawSection(canvas, index) {
@@ -43,7 +43,7 @@ function drawSection(canvas, index) {
   line(context, [[EDGE.left, y(0)], [width - EDGE.right, y(0)]], { color: colors["pillar-edge"], width: 2 });
   drawStages({ context, x, y, list_m, width });
   const beacon = [x(span_m), y(flight.begin.beacon_height_m)];
-  disc(context, beacon, 4.5, { fill: colors.green });
+  if (knowsBeacon()) disc(context, beacon, 4.5, { fill: colors.green });
   if (padAt(last(steps).time_s)) line(context, [[beacon[0] - 14, y(0) - 2], [beacon[0], y(0) - 2]], { color: colors.red, width: 4 });
   const step = steps[index];
   if (!step) return;

@@ -170,7 +170,7 @@ function drawVehicleInSpace(step) {
   bodies("shadow", "cylinder", [[inSpace(step.place_m, 0.006), [2 * radius, 0.004, 2 * radius], "faint"]]);
   strokes("plumb", step.time_s, () => [place, inSpace(step.place_m, 0)], "faint");
   const deg = heard_deg(step);
-  strokes("heard", step.time_s, () => (deg === undefined ? [] : [place, inSpace(away(step.place_m, deg, step.truth_m), step.height_m)]), "green");
+  strokes("heard", step.time_s, () => (deg === undefined ? [] : [place, inSpace(away(step.place_m, deg, reach_m(step)), step.height_m)]), "green");
 }
 
 /** Where the pad is: east, north, radius; none without one. */
@@ -190,9 +190,9 @@ function drawWorldInSpace(step) {
   bodies("people", "cylinder", people.map((circle) => standing(circle, PERSON_M, "purple")));
   const memory = latest(flight.remembered, step.time_s)?.circles_m ?? [];
   bodies("remembered", "cylinder", shown.has("remembered") ? memory.map(([x, y, r]) => standing([x, y, r * 1.02], tall_m * 0.55, "red")) : [], 0.25);
-  const beacon = beaconAt(step.time_s);
-  bodies("beacon", "sphere", [[inSpace(beacon, Math.max(beacon_height_m, 0.12)), [0.28, 0.28, 0.28], "green"]]);
-  strokes("mast", `${beacon}`, () => [inSpace(beacon, 0), inSpace(beacon, tall_m)], "green");
+  const beacons = knowsBeacon() ? [beaconAt(step.time_s)] : [];
+  bodies("beacon", "sphere", beacons.map((beacon) => [inSpace(beacon, Math.max(beacon_height_m, 0.12)), [0.28, 0.28, 0.28], "green"]));
+  strokes("mast", `${beacons}`, () => beacons.flatMap((beacon) => [inSpace(beacon, 0), inSpace(beacon, tall_m)]), "green");
   const pad = padAt(step.time_s);
   bodies("pad", "cylinder", pad ? [[inSpace(pad, 0.004), [2 * pad[2], 0.01, 2 * pad[2]], "red"]] : []);
 }
@@ -240,7 +240,7 @@ function drawSpace(canvas, step, plan) {
   renderer.render({ scene: root, camera: eye });
   canvas.dataset.drawn = String(replay.index);
   const height_m = `${step.height_m.toFixed(2)} metres high`;
-  canvas.setAttribute("aria-label", `The flight in space. The vehicle is ${height_m}, ${step.truth_m.toFixed(1)} metres from the beacon.`);
+  canvas.setAttribute("aria-label", `The flight in space. The vehicle is ${height_m}${toBeacon(step)}.`);
 }
 
 /** The whole flight in view. */
