@@ -2,7 +2,8 @@
 //! channel, for each request `IQDownload`.
 //!
 //! The header is a C structure of little-endian numbers with their natural alignment. Frames that are not data, or
-//! whose channels are not yet synchronised, give no bearing.
+//! whose channels are not yet synchronised, give no bearing. The header's times are of the radio's clock, which need not be ours: a frame
+//! counts as measured when it has come, which is late by its own length and the way.
 
 use std::io::{Read as _, Write as _};
 use std::net::{TcpStream, ToSocketAddrs as _};

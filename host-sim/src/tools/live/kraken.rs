@@ -2,7 +2,9 @@
 //!
 //! Fields: time (ms), bearing (degrees clockwise from the array's zero, as a compass has it), confidence, power, frequency (Hz), array, latency,
 //! station, latitude, longitude, heading twice, `GPS`, four reserved, then the spectrum over the circle. The software rewrites the file in
-//! place, so a line may be incomplete: it is skipped. A line with the same time as the previous one is not a new bearing.
+//! place, so a line may be incomplete: it is skipped. A line with the same time as the previous one is not a new bearing, nor is the first after
+//! a connection: nobody knows how long it has been there. The time is of the radio's clock, which need not be ours, so a bearing's age is the
+//! latency (ms) that its line states.
 
 use std::io::{Read as _, Write as _};
 use std::net::{TcpStream, ToSocketAddrs as _};
@@ -18,6 +20,8 @@ const AGAIN: Duration = Duration::from_secs(1);
 const ANSWER_MAX: u64 = 1 << 18;
 /// Largest difference from the wanted frequency.
 const NEAR_HZ: f64 = 5e3;
+/// Largest latency that is believed.
+const LATENCY_MAX_MS: f64 = 60_000.0;
 /// Fields before the spectrum.
 const FIELDS: usize = 17;
 
@@ -30,11 +34,14 @@ pub(super) fn start(host: &str, port: u16, frequency_hz: Option<u64>) -> Receive
 
 /// Requests the file again and again until the receiver is dropped.
 fn run(host: &str, port: u16, frequency_hz: Option<u64>, sender: &Sender<Event>) {
-    let mut last_ms = 0;
+    let mut last_ms = None;
     loop {
         let (event, pause) = match get(host, port) {
             Ok(body) => (newest(&body, frequency_hz, &mut last_ms, Instant::now()), PERIOD),
-            Err(why) => (Some(Event::Lost(why)), AGAIN),
+            Err(why) => {
+                last_ms = None;
+                (Some(Event::Lost(why)), AGAIN)
+            }
         };
         let is_gone = event.is_some_and(|event| sender.send(event).is_err());
         if is_gone {
@@ -64,18 +71,21 @@ fn get(host: &str, port: u16) -> Result<String, String> {
     }
 }
 
-/// The bearing of the wanted frequency, or of the first line; `None` if it is the previous one again.
-pub(super) fn newest(body: &str, frequency_hz: Option<u64>, last_ms: &mut u64, now: Instant) -> Option<Event> {
+/// The bearing of the wanted frequency, or of the first line; `None` if it is the previous one again, or the first.
+pub(super) fn newest(body: &str, frequency_hz: Option<u64>, last_ms: &mut Option<u64>, now: Instant) -> Option<Event> {
     let lines: Vec<&str> = body.lines().filter(|line| !line.trim().is_empty()).collect();
     let mut torn = None;
     for line in &lines {
         match read(line) {
             Ok(read) if frequency_hz.is_some_and(|wanted| (read.frequency_hz - wanted as f64).abs() > NEAR_HZ) => {}
-            Ok(read) if read.time_ms == *last_ms => return None,
             Ok(read) => {
-                *last_ms = read.time_ms;
+                let before_ms = last_ms.replace(read.time_ms);
+                if before_ms.is_none_or(|before_ms| before_ms == read.time_ms) {
+                    return None;
+                }
                 let azimuth_rad = read.bearing_deg.to_radians() as f32;
-                return Some(Event::Measured(Measurement::plain(now, azimuth_rad, None)));
+                let at = now.checked_sub(read.latency).unwrap_or(now);
+                return Some(Event::Measured(Measurement::plain(at, azimuth_rad, None)));
             }
             Err(why) => torn = Some(Event::Refused(why)),
         }
@@ -87,6 +97,7 @@ struct Line {
     time_ms: u64,
     bearing_deg: f64,
     frequency_hz: f64,
+    latency: Duration,
 }
 
 fn read(line: &str) -> Result<Line, String> {
@@ -109,5 +120,6 @@ fn read(line: &str) -> Result<Line, String> {
         time_ms: fields[0].parse().map_err(|_| "time is no number".to_owned())?,
         bearing_deg: number(1, "bearing", 0.0, 360.0)?,
         frequency_hz: number(4, "frequency", 0.0, 1e11)?,
+        latency: Duration::from_secs_f64(1e-3 * number(6, "latency", 0.0, LATENCY_MAX_MS)?),
     })
 }
