@@ -2,18 +2,20 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use foxhound_tests::{foxhound, qemu_image, take_machine};
+use foxhound_tests::{foxhound, qemu_image, run_json, take_machine, text};
 
-/// Command lines of the QEMUs that a program has started.
-fn qemus(of: u32) -> Vec<String> {
+/// Numbers of the QEMUs that a program has started.
+fn qemus(of: u32) -> Vec<u32> {
     let folder = format!("foxhound-qemu-{of}-");
     let lines = std::fs::read_dir("/proc").unwrap().flatten().filter_map(|entry| {
         let line = std::fs::read(entry.path().join("cmdline")).ok()?;
         let line = String::from_utf8_lossy(&line).replace('\0', " ");
-        (line.starts_with("qemu-system-arm ") && line.contains(&folder)).then_some(line)
+        let is_its = line.starts_with("qemu-system-arm ") && line.contains(&folder);
+        is_its.then(|| entry.file_name().to_string_lossy().parse().ok())?
     });
     lines.collect()
 }
@@ -33,13 +35,13 @@ fn until(what: &str, is_so: impl Fn() -> bool) {
     }
 }
 
-fn flying() -> Child {
+fn flying(more: &[&str]) -> Child {
     let via = format!("qemu:{}", qemu_image());
     // Where the tests run in the background of a shell SIGINT is ignored, and a program that has just begun would miss it.
     let mut command = Command::new("env");
     command.arg("--default-signal=INT").arg(foxhound().get_program());
     command.args(["fly", "--json", "--via", &via, "--live", "--port", "0", "--speed", "0.1"]);
-    command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+    command.args(more).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
 }
 
 /// After SIGKILL, SIGTERM and SIGINT of its parent no QEMU is running, and there is no folder of it, neither then nor during the flight.
@@ -48,7 +50,7 @@ fn flying() -> Child {
 fn qemu_never_outlives_its_parent_and_leaves_no_folder() {
     let _machine = take_machine();
     for signal in ["-KILL", "-TERM", "-INT"] {
-        let mut child = flying();
+        let mut child = flying(&[]);
         let pid = child.id();
         until("QEMU does not start", || qemus(pid).len() == 1);
         until("the folder stays", || folders(pid).is_empty());
@@ -57,4 +59,27 @@ fn qemu_never_outlives_its_parent_and_leaves_no_folder() {
         until(&format!("QEMU runs on after {signal}"), || qemus(pid).is_empty());
         assert_eq!(folders(pid), Vec::<String>::new(), "{signal}");
     }
+}
+
+/// When QEMU is gone in flight the records and the flight log are written as far as it came, with status 2.
+#[test]
+#[ignore = "needs QEMU and the image: cargo xtask test"]
+fn the_records_of_a_flight_outlive_its_qemu() {
+    let _machine = take_machine();
+    let folder = tempfile::tempdir().unwrap();
+    let names = ["f.html", "f.mcap", "f.tlog", "f.log"];
+    let [page, mcap, tlog, log] = names.map(|name| text(&folder.path().join(name)));
+    let mut child = flying(&["--report", &page, "--mcap", &mcap, "--tlog", &tlog, "--flight-log", &log]);
+    let pid = child.id();
+    until("QEMU does not start", || qemus(pid).len() == 1);
+    std::thread::sleep(Duration::from_secs(3));
+    foxhound_tests::signal(qemus(pid)[0], "-KILL");
+    until("the report is not written", || Path::new(&page).exists() && Path::new(&log).exists());
+    // The live page stays until it is stopped.
+    std::thread::sleep(Duration::from_secs(1));
+    foxhound_tests::signal(pid, "-INT");
+    assert_eq!(child.wait().unwrap().code(), Some(2));
+    let (code, printed) = run_json(&["replay", "--json", &log]);
+    assert!(code == 0 && printed["steps"].as_u64().unwrap() > 5, "{printed}");
+    assert!(Path::new(&mcap).exists() && Path::new(&tlog).exists());
 }

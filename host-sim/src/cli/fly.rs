@@ -229,7 +229,7 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     let pace = args.records.live.is_on().then(|| Pace::new(args.speed));
     let stop = stop_flag()?;
     let mut tlog = records.tlog.take();
-    let flown = flight::fly_until(&mission, computer.as_mut(), tlog.as_mut(), &stop, |moment| {
+    let (record, failed) = flight::fly_as_far(&mission, computer.as_mut(), tlog.as_mut(), &stop, |moment| {
         progress.set_position(moment.sample.time_s as u64);
         records.watch(moment);
         if let Some(pace) = &pace {
@@ -238,7 +238,6 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     });
     records.tlog = tlog;
     progress.finish_and_clear();
-    let record = flown.map_err(|error| InputError::new(error.to_string()))?;
     if let Some(table) = computer.time_spent() {
         cli.note(&table);
     }
@@ -253,6 +252,9 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     }
     // If a file cannot be written, the others and the printed result are still complete.
     let mut written = Written { cli, has_failed: false };
+    if let Some(error) = failed {
+        written.file(None, Err(InputError::new(error.to_string())));
+    }
     let page = records.end(&mut written, &record.report, cli.json);
     if let Some(path) = &args.flight_log {
         let log = output::write(path, &computer.take_flight_log());

@@ -166,10 +166,25 @@ pub fn fly(
 pub fn fly_until(
     mission: &Mission,
     computer: &mut dyn Computer,
+    log: Option<&mut tlog::Writer>,
+    stop: &AtomicBool,
+    watch: impl FnMut(&Moment<'_>),
+) -> Result<Record, ComputerError> {
+    match fly_as_far(mission, computer, log, stop, watch) {
+        (record, None) => Ok(record),
+        (_, Some(error)) => Err(error),
+    }
+}
+
+/// The same, with the flight as far as it came where the computer fails, and its error: the flight then ends as [`Ending::Hold`] with
+/// [`Outcome::Fault`].
+pub fn fly_as_far(
+    mission: &Mission,
+    computer: &mut dyn Computer,
     mut log: Option<&mut tlog::Writer>,
     stop: &AtomicBool,
     mut watch: impl FnMut(&Moment<'_>),
-) -> Result<Record, ComputerError> {
+) -> (Record, Option<ComputerError>) {
     let scenario = &mission.scenario;
     let world = scenario.peopled(mission.seed);
     let start = Horizontal::from_xy(scenario.start);
@@ -187,6 +202,7 @@ pub fn fly_until(
 
     let ticks = libm::ceil(scenario.max_time_s / TICK_S) as u64;
     let mut ending = None;
+    let mut failed = None;
     let mut tick = 0;
     let mut clock = Clock::at(computer, 0);
     while clock.time_s < scenario.max_time_s && tick < ticks && ending.is_none() {
@@ -205,7 +221,7 @@ pub fn fly_until(
             ownship_is_silent: inside(scenario.faults.stale_ownship, time_s),
             obstacles_are_silent: inside(scenario.faults.stale_obstacles, time_s),
         };
-        let output = rig.step(&when, |rig, sensed| {
+        let stepped = rig.step(&when, |rig, sensed| {
             if let Some(bytes) = &sensed.lidar {
                 computer.turn(bytes)?;
             }
@@ -250,7 +266,19 @@ pub fn fly_until(
             clock = Clock::at(computer, tick + 1);
             let step_s = if computer.next_step_s().is_some() { clock.time_s - time_s } else { TICK_S };
             Ok::<_, ComputerError>((Answer { tx: report.tx, step_s }, report.output))
-        })?;
+        });
+        let output = match stepped {
+            Ok(output) => output,
+            // A stop from the terminal may have stopped the computer's process, too: that is no error.
+            Err(_) if stop.load(Ordering::Relaxed) => {
+                ending = Some(Ending::Interrupted);
+                break;
+            }
+            Err(error) => {
+                failed = Some(error);
+                break;
+            }
+        };
         trace_hash = output.trace_hash;
         let position_now = horizontal(&rig.vehicle.motion.pose);
         path_length_m += position_now.minus(position).norm();
@@ -277,6 +305,7 @@ pub fn fly_until(
     let time_s = if computer.next_step_s().is_some() { clock.time_s } else { tick as f64 * TICK_US as f64 / 1e6 };
     let last_outcome = path.last().map_or(Outcome::Nominal, |sample| sample.outcome);
     let (result, reason) = match ending {
+        _ if failed.is_some() => (Ending::Hold, Outcome::Fault),
         // The last step's outcome explains nothing when the mission is done.
         Some(Ending::Reached) => (Ending::Reached, Outcome::Nominal),
         Some(ending) => (ending, last_outcome),
@@ -306,7 +335,7 @@ pub fn fly_until(
         reference_length_m: scenario.reference_length_m.clone(),
     };
     let remembered = computer.inside().map_or_else(Vec::new, |one| one.state().map().circles().collect());
-    Ok(Record { scenario: scenario.clone(), report, path, replans, remembered, world: rig.world })
+    (Record { scenario: scenario.clone(), report, path, replans, remembered, world: rig.world }, failed)
 }
 
 /// Time of a step.

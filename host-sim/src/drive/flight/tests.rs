@@ -1,5 +1,8 @@
+use foxhound_core::base::obstacle::Circle;
+use foxhound_core::guidance::FrontEnd;
+
 use super::*;
-use crate::drive::computer::HostComputer;
+use crate::drive::computer::{BLOCK, HostComputer, StepReport};
 use crate::scenario::FLIGHT_DOWN_M;
 
 fn mission(scenario: Scenario, seed: u64) -> Mission {
@@ -13,6 +16,46 @@ fn flown(mission: &Mission) -> Record {
 
 fn parsed(text: &str) -> Scenario {
     Scenario::parse(text).unwrap()
+}
+
+/// A computer that fails after so many steps.
+struct Dies(HostComputer, u32);
+
+impl Computer for Dies {
+    fn step(
+        &mut self,
+        now: Instant,
+        front_end: FrontEnd<'_, BLOCK>,
+        circles: Option<&[Circle]>,
+        rx: &[u8],
+    ) -> Result<StepReport, ComputerError> {
+        self.1 = self.1.checked_sub(1).ok_or_else(|| ComputerError("it is gone".to_owned()))?;
+        self.0.step(now, front_end, circles, rx)
+    }
+
+    fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
+        self.0.see(bytes)
+    }
+
+    fn turn(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
+        self.0.turn(bytes)
+    }
+}
+
+#[test]
+fn a_flight_whose_computer_fails_is_there_as_far_as_it_came() {
+    let mission = mission(Scenario::built_in(), 1);
+    let fails = || Dies(HostComputer::new(&mission.guidance()).unwrap(), 100);
+    let mut watched = 0;
+    let (record, failed) = fly_as_far(&mission, &mut fails(), None, &AtomicBool::new(false), |_| watched += 1);
+    assert_eq!(failed.map(|error| error.to_string()), Some("it is gone".to_owned()));
+    let Report { result, reason, time_s, .. } = record.report;
+    assert_eq!((result, reason, time_s), (Ending::Hold, "fault", 2.0));
+    assert_eq!((record.path.len(), watched), (100, 100));
+    assert!(fly(&mission, &mut fails(), None, |_| ()).is_err());
+    // What ends this program ends the computer's as well.
+    let (record, failed) = fly_as_far(&mission, &mut fails(), None, &AtomicBool::new(true), |_| ());
+    assert!(failed.is_none() && record.report.result == Ending::Interrupted);
 }
 
 #[test]

@@ -33,7 +33,7 @@ impl<C: Computer> Computer for Beside<C> {
         let beside = self.looked_into.step(now, front_end, circles, rx)?;
         if beside.output.trace_hash != report.output.trace_hash {
             return Err(ComputerError(
-                "its results differ from those of the same program here: no report can be made".to_owned(),
+                "its results differ from those of the same program here: the report ends before that".to_owned(),
             ));
         }
         Ok(report)

@@ -81,6 +81,8 @@ impl QemuComputer {
 
     /// Output of the maintenance port since the last call.
     pub fn take_port(&mut self) -> Vec<u8> {
+        // What it said last, even if it is gone.
+        let _ = self.port.drain();
         self.port.kept.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
