@@ -10,6 +10,7 @@ mod logs;
 mod maps_and_suites;
 mod packed;
 mod parameters;
+mod port;
 mod python;
 mod report;
 mod shards;

@@ -74,7 +74,7 @@ fn the_firmware_answers_at_its_maintenance_port() {
     let capture = alone.folder.path().join("capture.log");
     let ask = |command: &str| {
         let log = capture.to_string_lossy();
-        let output = run(&["port", "--serial", &alone.terminal, "--log", &log, command]);
+        let output = run(&["port", "--serial", &alone.terminal, "--log", &log, "--force", command]);
         (output.status.code(), String::from_utf8_lossy(&output.stdout).into_owned())
     };
     let (code, status) = ask("status");

@@ -69,7 +69,7 @@ struct Cli {
     /// Folder for output files [default: out; with --json nothing is written unless requested].
     #[arg(long, global = true, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Replaces existing results in the folder of --out.
+    /// Replaces existing results in the folder of --out, and an existing log of `port`.
     #[arg(long, global = true)]
     force: bool,
 }

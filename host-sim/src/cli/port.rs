@@ -22,7 +22,7 @@ use serde::Serialize;
 mod bringup;
 
 use super::terminal::{say, warn};
-use super::value::{number, whole};
+use super::value::{check_apart, number, whole};
 use super::{Cli, json_line};
 
 const PORT_HELP: &str = "Examples:
@@ -31,7 +31,10 @@ const PORT_HELP: &str = "Examples:
   foxhound port --serial /dev/ttyACM0 dump 64 --out F.npy
   foxhound port --serial /dev/ttyACM0 bringup
 
-Exit status: 0 done as asked; 1 no answer, frames are missing, or a check has failed; 2 bad usage, or no such port.";
+A log that is there already is replaced only with --force.
+
+Exit status: 0 done as asked; 1 no answer, frames are missing, the port was gone for a while, or a check has failed; 2 bad \
+usage, or no such port.";
 
 /// Time to wait for an answer, or for the next frame.
 const PATIENCE: Duration = Duration::from_secs(3);
@@ -79,6 +82,9 @@ struct Cable {
     line: Line,
     log: Option<(PathBuf, File)>,
     deframer: Box<LogDeframer>,
+    is_open: bool,
+    /// It was gone for a while: what was sent then is missing.
+    was_cut: bool,
 }
 
 /// Something received over it.
@@ -88,15 +94,19 @@ enum Reply {
 }
 
 impl Cable {
-    fn open(args: &PortCommand) -> Result<Self, InputError> {
+    fn open(cli: &Cli, args: &PortCommand) -> Result<Self, InputError> {
         let address = Address::Serial { device: args.serial.clone(), baud: args.baud };
         let line = Line::open(&address).map_err(|error| failed(&error).in_file(&args.serial))?;
         // Written record by record: when it is interrupted, the file is a valid log.
         let begun = |path: &PathBuf| {
+            if !cli.force && path.metadata().is_ok_and(|there| there.is_file() && there.len() > 0) {
+                let text = "is there already; name another file, or replace it with --force";
+                return Err(InputError::new(format!("--log {}: {text}", path.display())));
+            }
             File::create(path).map(|file| (path.clone(), file)).map_err(|error| output::failed(path, &error))
         };
         let log = args.log.as_ref().map(begun).transpose()?;
-        Ok(Self { line, log, deframer: Box::new(LogDeframer::new()) })
+        Ok(Self { line, log, deframer: Box::new(LogDeframer::new()), is_open: true, was_cut: false })
     }
 
     /// Types a line. The first line feed ends whatever was typed before.
@@ -107,6 +117,12 @@ impl Cable {
     /// Takes what has been received.
     fn hear(&mut self) -> Result<Vec<Reply>, InputError> {
         let bytes = self.line.read();
+        let is_open = self.line.is_open();
+        if is_open != self.is_open {
+            warn(if is_open { "the port is back" } else { "the port is gone: what is sent now is missing" });
+            self.was_cut = true;
+        }
+        self.is_open = is_open;
         if let Some((path, log)) = &mut self.log {
             log.write_all(&bytes).map_err(|error| output::failed(path, &error))?;
         }
@@ -185,6 +201,7 @@ pub(super) fn port(cli: &Cli, args: &PortCommand) -> Result<ExitCode, InputError
     if let Some(seconds) = args.seconds {
         check_within("--seconds", seconds, &MAX_TIME_S)?;
     }
+    check_apart(&[("--log", args.log.as_deref()), ("--out", args.out.as_deref())])?;
     let words: Vec<_> = args.command.iter().map(String::as_str).collect();
     if let Some(out) = &args.out
         && !matches!(words[..], ["dump", _] | ["bringup"])
@@ -194,7 +211,7 @@ pub(super) fn port(cli: &Cli, args: &PortCommand) -> Result<ExitCode, InputError
     match (&words[..], &args.out) {
         (["dump", frames], Some(out)) => dump(cli, args, frames, out),
         (["dump", _], None) => Err(InputError::new("dump: --out FILE says where the frames go".to_owned())),
-        (["bringup"], out) => bringup::bring_up(cli, Cable::open(args)?, out.as_deref()),
+        (["bringup"], out) => bringup::bring_up(cli, Cable::open(cli, args)?, out.as_deref()),
         _ => listen(cli, args, &words.join(" ")),
     }
 }
@@ -203,7 +220,7 @@ fn dump(cli: &Cli, args: &PortCommand, frames: &str, out: &Path) -> Result<ExitC
     let wanted = frames.parse().ok().filter(|wanted| (1..=FRAMES_MAX).contains(wanted));
     let wanted = wanted
         .ok_or_else(|| InputError::new(format!("dump {frames}: expected a number of frames, 1 to {FRAMES_MAX}")))?;
-    let snapshots = Cable::open(args)?.dump(wanted)?;
+    let snapshots = Cable::open(cli, args)?.dump(wanted)?;
     if snapshots.is_empty() {
         warn("no frames received");
         return Ok(ExitCode::from(1));
@@ -220,7 +237,7 @@ fn dump(cli: &Cli, args: &PortCommand, frames: &str, out: &Path) -> Result<ExitC
 
 /// Sends the command, if there is one, and prints the texts that come.
 fn listen(cli: &Cli, args: &PortCommand, command: &str) -> Result<ExitCode, InputError> {
-    let mut cable = Cable::open(args)?;
+    let mut cable = Cable::open(cli, args)?;
     let asks = !command.is_empty();
     if asks {
         cable.say(command);
@@ -236,15 +253,13 @@ fn listen(cli: &Cli, args: &PortCommand, command: &str) -> Result<ExitCode, Inpu
             }
         }
         let is_answered = asks && heard_at.is_some_and(|at: Instant| at.elapsed() > SILENCE);
-        if is_answered && args.seconds.is_none() {
-            return Ok(ExitCode::SUCCESS);
+        let is_late = patience_s.is_some_and(|patience_s| begin.elapsed().as_secs_f64() > patience_s);
+        if is_late && asks && heard_at.is_none() {
+            warn("no answer");
+            return Ok(ExitCode::from(1));
         }
-        if patience_s.is_some_and(|patience_s| begin.elapsed().as_secs_f64() > patience_s) {
-            if asks && heard_at.is_none() {
-                warn("no answer");
-                return Ok(ExitCode::from(1));
-            }
-            return Ok(ExitCode::SUCCESS);
+        if is_late || is_answered && args.seconds.is_none() {
+            return Ok(ExitCode::from(u8::from(cable.was_cut)));
         }
         sleep(READ_EVERY);
     }

@@ -47,6 +47,8 @@ impl Serial {
         drop(open_port(&device, 115_200)?);
         let flags = rustix::fs::fcntl_getfl(&terminal)?;
         rustix::fs::fcntl_setfl(&terminal, flags | OFlags::NONBLOCK)?;
+        // A program that is started meanwhile would keep it open.
+        rustix::io::fcntl_setfd(&terminal, rustix::io::FdFlags::CLOEXEC)?;
         Ok((Self { stream: Some(Stream::new(File::from(terminal))), kind: Kind::Terminal { is_open: false } }, device))
     }
 
