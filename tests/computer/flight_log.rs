@@ -5,7 +5,7 @@
 use std::path::Path;
 
 use foxhound_computer::log::frame::LogDeframer;
-use foxhound_computer::log::{Codes, Record};
+use foxhound_computer::log::{Codes, LAYOUT, Record};
 use foxhound_computer::twin::{Fault, Setup};
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
@@ -306,7 +306,9 @@ fn rubbish_around_frames_changes_nothing_and_a_log_can_end_anywhere() {
     for cut in [1, 30, 700, 40_000] {
         let summary = replay(&log[..log.len() - cut]).unwrap();
         assert!(summary.is_identical() && summary.steps <= whole.steps, "{cut} bytes off the end");
+        assert_eq!(summary.verdict(), "ends inside a frame: identical as far as it goes", "{cut} bytes off the end");
     }
+    assert_eq!(whole.verdict(), "identical");
     // A flight that began before cannot be flown again, one that begins later can.
     let tail = &log[log.len() / 2..];
     assert!(replay(tail).unwrap_err().to_string().contains("no beginning"));
@@ -335,6 +337,17 @@ fn codes_that_are_others_are_told() {
     let summary = replay(&joined(&log)).unwrap();
     assert_eq!((summary.codes_off, summary.first_difference), (1, None));
     assert!(!summary.is_identical());
+    assert_eq!(summary.verdict(), "front end differs in 1 frames");
+}
+
+/// A log of another layout is refused by that, whatever its other fields are.
+#[test]
+fn a_log_of_another_layout_is_refused_by_its_version() {
+    let mut content = [0; 100];
+    let begin = (1_u8, 0_u32, LAYOUT - 1, param::LAYOUT, "0.0.9", [1_u8; 30]);
+    let length = postcard::to_slice(&begin, &mut content).unwrap().len();
+    let refused = replay(&encoded(&content[..length])).unwrap_err().to_string();
+    assert!(refused.contains("written by version 0.0.9") && refused.contains(&format!("here {LAYOUT}")), "{refused}");
 }
 
 /// The exit code of `foxhound replay` tells whether the replay is identical, differs, or found nothing.
@@ -347,6 +360,7 @@ fn the_command_says_identical_different_and_nothing_there_by_its_exit_code() {
     assert_eq!(code, 0, "{report}");
     let (code, summary) = run_json(&["replay", "--json", &file]);
     assert_eq!((code, &summary["trace_hash"]), (0, &report["trace_hash"]), "{summary}");
+    assert_eq!((&summary["verdict"], &summary["ends_inside"]), (&"identical".into(), &false.into()));
     assert!(summary["first_difference"].is_null() && summary["steps"].as_u64().unwrap() > 100);
     let log = std::fs::read(&path).unwrap();
     std::fs::write(&path, [&log[..50_000], &log[50_100..]].concat()).unwrap();

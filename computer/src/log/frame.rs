@@ -154,6 +154,12 @@ impl<const BYTES: usize> Deframer<BYTES> {
         self.is_too_long
     }
 
+    /// Whether there are bytes since the last zero.
+    #[must_use]
+    pub const fn is_inside(&self) -> bool {
+        self.length > 0
+    }
+
     /// Forgets the bytes since the last zero.
     pub fn clear(&mut self) {
         (self.length, self.is_too_long) = (0, false);

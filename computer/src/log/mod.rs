@@ -93,6 +93,26 @@ pub struct Begin<'a, C, V> {
     pub values: V,
 }
 
+/// The program that wrote a log: the first fields of every [`Begin`], of whatever version.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Writer<'a> {
+    /// Its [`LAYOUT`].
+    pub layout: u8,
+    /// Its [`param::LAYOUT`].
+    pub param_layout: u32,
+    /// Its version.
+    pub version: &'a str,
+}
+
+impl<'a> Writer<'a> {
+    /// The writer of a frame in which a flight begins.
+    #[must_use]
+    pub fn of(frame: &Frame<'a>) -> Option<Self> {
+        let begins = frame.kind == Kind::Begin as u8;
+        begins.then(|| postcard::take_from_bytes(frame.record).ok()).flatten().map(|(writer, _)| writer)
+    }
+}
+
 /// The begin of a flight as it is read.
 pub type Beginning<'a> = Begin<'a, guidance::Config, Vec<f32, COUNT>>;
 

@@ -15,7 +15,7 @@ use std::collections::VecDeque;
 use foxhound_computer::flight::{Flight, ParameterStore, Receiver, Step};
 use foxhound_computer::iq::Reports;
 use foxhound_computer::log::frame::{Frame, LogDeframer};
-use foxhound_computer::log::{self, Begin, Beginning, LAYOUT, Record};
+use foxhound_computer::log::{self, Beginning, LAYOUT, Record, Writer};
 use foxhound_computer::sensor::{self, Sensor};
 use foxhound_computer::twin::Planned;
 use foxhound_core::base::adc::AdcFrame;
@@ -47,6 +47,8 @@ pub struct Summary {
     pub frames: u64,
     /// Pieces of the file that are not frames.
     pub rubbish: u64,
+    /// Whether the file ends inside a frame, or inside something that is none.
+    pub ends_inside: bool,
     /// Number of gaps.
     pub gaps: u64,
     /// Number of missing frames.
@@ -77,6 +79,20 @@ impl Summary {
     pub fn is_identical(&self) -> bool {
         self.gaps == 0 && self.first_difference.is_none() && self.codes_off == 0
     }
+
+    /// The result in words.
+    #[must_use]
+    pub fn verdict(&self) -> String {
+        match (self.first_difference, self.first_difference_flight, self.first_difference_s) {
+            (Some(step), Some(flight), Some(time_s)) => {
+                format!("differs from step {step} of flight {flight} on, at {time_s:.2} s")
+            }
+            _ if self.codes_off > 0 => format!("front end differs in {} frames", self.codes_off),
+            _ if self.gaps > 0 => "identical, as far as it is complete".to_owned(),
+            _ if self.ends_inside => "ends inside a frame: identical as far as it goes".to_owned(),
+            _ => "identical".to_owned(),
+        }
+    }
 }
 
 /// Repeats all of a log: a file, or a capture of the port, with anything before it and in it.
@@ -93,6 +109,7 @@ pub fn replay(bytes: &[u8]) -> Result<Summary, InputError> {
     }
     let mut summary = replay.summary;
     summary.rubbish = deframer.rubbish();
+    summary.ends_inside = deframer.is_inside();
     match (summary.flights, summary.frames) {
         (0, 0) => Err(InputError::new("no flight log found")),
         (0, _) => Err(InputError::new("the flight log has no beginning: the capture started later than the computer")),
@@ -174,6 +191,16 @@ struct Replay {
 impl Replay {
     fn read(&mut self, frame: &Frame<'_>) -> Result<(), InputError> {
         self.summary.frames += 1;
+        // Other records of another version cannot be read, or not rightly.
+        if let Some(Writer { version, layout, param_layout }) = Writer::of(frame)
+            && (layout, param_layout) != (LAYOUT, param::LAYOUT)
+        {
+            return Err(InputError::new(format!(
+                "the flight log was written by version {version}, whose records differ: their layout is {layout} and that of \
+                 its parameters {param_layout}, here {LAYOUT} and {}",
+                param::LAYOUT
+            )));
+        }
         let record = Record::of(frame);
         self.follow(frame.number, matches!(record, Some(Record::Begin(_))));
         record.map_or(Ok(()), |record| self.take(record))
@@ -266,12 +293,6 @@ struct Flown {
 
 impl Flown {
     fn begin(begin: &Beginning<'_>) -> Result<Box<Self>, InputError> {
-        let Begin { layout, param_layout, version, .. } = *begin;
-        if (layout, param_layout) != (LAYOUT, param::LAYOUT) {
-            return Err(InputError::new(format!(
-                "the flight log was written by version {version}, whose records differ"
-            )));
-        }
         let values = begin.values.as_slice().try_into().map(|values| Values::restore(values).0);
         let Ok(values) = values else { return Err(InputError::new("the flight log's parameters are incomplete")) };
         let guidance = AllSystems::guidance(&begin.config)?;
