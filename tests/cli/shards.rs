@@ -5,7 +5,7 @@
 use std::fs::{create_dir, read, read_to_string, write};
 use std::path::{Path, PathBuf};
 
-use foxhound_tests::{errors, foxhound, peer, python, root, run, take_machine, text};
+use foxhound_tests::{errors, foxhound, peer, python, refused, root, run, take_machine, text};
 use serde_json::{Value, json};
 
 /// Two maps, out of the order of their rows, and a goal inside a pillar that cannot be reached: 11 flights.
@@ -57,6 +57,12 @@ fn four_shards_merge_to_the_bytes_of_one_and_of_the_whole_suite() {
     assert_eq!((code, &merged), (Some(1), &whole.stdout), "{errors}");
     let flights = |folder: &str| read(Path::new(folder).join("flights.jsonl")).unwrap();
     assert_eq!(flights(&merged_to), flights(&whole_to));
+    let [whole_table, merged_table] = ["whole.csv", "merged.csv"].map(|name| text(&dir.path().join(name)));
+    assert_eq!(run(&["suite", &suite, "--json", "--csv", &whole_table]).status.code(), Some(1));
+    assert_eq!(merge(&files, &["--csv", &merged_table]).0, Some(1));
+    assert_eq!(read(merged_table).unwrap(), read(&whole_table).unwrap());
+    let said = refused(&["suite", &suite, "--shard", "1/4", "--csv", &whole_table]);
+    assert!(said.contains("--csv"), "{said}");
     // For people, too.
     let table = |arguments: &[&str]| run(arguments).stdout;
     let files: Vec<&str> = files.iter().map(String::as_str).collect();

@@ -35,7 +35,7 @@ not depend on --jobs. With --out, flights.jsonl holds a line for each flight; --
 them again, and writes its scenario and its picture there.
 
 --shard K/N flies every Nth flight from the Kth on, on whatever machine, and writes DIR/shard-K-of-N.jsonl; `foxhound \
-merge` puts all N together to what the whole suite prints.
+merge` puts all N together to what the whole suite prints, and writes its tables.
 
 What was flown is kept as it is flown, in suite-HASH.journal in the folder of --out (with --json only where --out or \
 --resume is given), until the results are written. With --resume a suite that was ended in any way, by Ctrl-C or a power \
@@ -83,7 +83,7 @@ pub(super) struct SuiteCommand {
     #[arg(long, value_name = "P", value_parser = whole::<u32>(0..=u32::MAX.into()))]
     pairs: Option<u32>,
     /// Only the Kth of N parts, which `foxhound merge` puts together; it is written to the folder of --out.
-    #[arg(long, value_name = "K/N", conflicts_with = "dump_scenario")]
+    #[arg(long, value_name = "K/N", conflicts_with_all = ["dump_scenario", "csv", "parquet"])]
     shard: Option<Shard>,
     /// Radius of the vehicle, metres; overrules the file.
     #[arg(long, value_name = "M", value_parser = number(DRONE_RADIUS_M))]
@@ -97,25 +97,55 @@ pub(super) struct SuiteCommand {
     /// Antenna waveforms at this signal-to-noise ratio per sample, in dB; overrules the file.
     #[arg(long, value_name = "DB", value_parser = number(SNR_DB))]
     snr_db: Option<f64>,
+    #[command(flatten)]
+    tables: TableArgs,
+    /// Writes the scenario of the one flight that --only names, for `foxhound fly --scenario`.
+    #[arg(long, value_name = "FILE", requires = "only")]
+    dump_scenario: Option<PathBuf>,
+}
+
+/// Tables of the flights.
+#[derive(Args, Debug)]
+pub(super) struct TableArgs {
     /// Writes a table of the flights as CSV, a row for each: docs/simulator.md lists the columns.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
     /// The same as Parquet, for pandas and polars.
     #[arg(long, value_name = "FILE")]
     parquet: Option<PathBuf>,
-    /// Writes the scenario of the one flight that --only names, for `foxhound fly --scenario`.
-    #[arg(long, value_name = "FILE", requires = "only")]
-    dump_scenario: Option<PathBuf>,
+}
+
+impl TableArgs {
+    /// Each file with its option.
+    pub(super) fn files(&self) -> [(&'static str, Option<&Path>); 2] {
+        [("--csv", self.csv.as_deref()), ("--parquet", self.parquet.as_deref())]
+    }
+
+    /// Checks before the work that they can be written.
+    pub(super) fn check(&self) -> Result<(), InputError> {
+        check_writable("--csv", self.csv.as_ref())?;
+        check_writable("--parquet", self.parquet.as_ref())
+    }
+
+    /// Writes them.
+    pub(super) fn write(&self, cli: &Cli, flown: &[Flown]) -> Result<(), InputError> {
+        if let Some(path) = &self.csv {
+            write_text(path, &table::csv(flown))?;
+            cli.note(&format!("table: {}", path.display()));
+        }
+        if let Some(path) = &self.parquet {
+            let table = table::parquet(flown).map_err(|error| output::failed(path, &error))?;
+            output::write(path, &table)?;
+            cli.note(&format!("table: {}", path.display()));
+        }
+        Ok(())
+    }
 }
 
 /// The suite as it is in the file, with what the command line overrules.
 fn suite_of(args: &SuiteCommand) -> Result<Suite, InputError> {
-    check_apart(&[
-        ("the suite", Some(&args.file)),
-        ("--csv", args.csv.as_deref()),
-        ("--parquet", args.parquet.as_deref()),
-        ("--dump-scenario", args.dump_scenario.as_deref()),
-    ])?;
+    let [csv, parquet] = args.tables.files();
+    check_apart(&[("the suite", Some(&args.file)), csv, parquet, ("--dump-scenario", args.dump_scenario.as_deref())])?;
     let mut suite = Suite::read(&args.file)?;
     if let Some(radius_m) = args.drone_radius {
         check_within("--drone-radius", radius_m, &DRONE_RADIUS_M)?;
@@ -131,20 +161,6 @@ fn suite_of(args: &SuiteCommand) -> Result<Suite, InputError> {
         suite.vehicle.model = vehicle;
     }
     Ok(suite)
-}
-
-/// Writes the flights as tables.
-fn write_tables(cli: &Cli, args: &SuiteCommand, flown: &[suite::Flown]) -> Result<(), InputError> {
-    if let Some(path) = &args.csv {
-        write_text(path, &table::csv(flown))?;
-        cli.note(&format!("table: {}", path.display()));
-    }
-    if let Some(path) = &args.parquet {
-        let table = table::parquet(flown).map_err(|error| output::failed(path, &error))?;
-        output::write(path, &table)?;
-        cli.note(&format!("table: {}", path.display()));
-    }
-    Ok(())
 }
 
 pub(super) fn fly_suite(cli: &Cli, args: &SuiteCommand) -> Result<ExitCode, InputError> {
@@ -165,8 +181,7 @@ pub(super) fn fly_suite(cli: &Cli, args: &SuiteCommand) -> Result<ExitCode, Inpu
         cli.note(&format!("scenario: {} (fly it with --seed {})", path.display(), first.seed));
     }
 
-    check_writable("--csv", args.csv.as_ref())?;
-    check_writable("--parquet", args.parquet.as_ref())?;
+    args.tables.check()?;
     let processors = || std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = args.jobs.map_or_else(processors, |jobs| jobs as usize);
     let progress = cli.bar("flying", flights.len() as u64, "");
@@ -277,7 +292,7 @@ fn write_results(
         cli.note(&format!("shard: {}", path.display()));
         return Ok(());
     }
-    write_tables(cli, args, flown)?;
+    args.tables.write(cli, flown)?;
     if let Some(folder) = &cli.out {
         write_flights(cli, folder, flown)?;
         if let [flight] = flights {
