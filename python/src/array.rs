@@ -170,7 +170,7 @@ impl Asked {
         }?;
         let lines = iq::find(&frames, array, self.looks)?;
         self.refuse_left(frames.count() % self.looks, frames.count(), "frames")?;
-        Ok((Lines::Radio(lines), Vec::new()))
+        Ok((Lines::Radio(lines), frames.warning().into_iter().collect()))
     }
 
     fn switched(&self, array: &RadioArray, recorded: &Recorded) -> Result<Found, InputError> {
@@ -185,7 +185,7 @@ impl Asked {
         let (count, looks) = (packets.count(), self.looks);
         let mut warnings = Vec::new();
         // Nobody chooses who sends when: an incomplete group of a transmitter is no error.
-        if self.emitter.is_none() || lines.is_empty() {
+        if (self.emitter.is_none() && packets.transmitters() < 2) || lines.is_empty() {
             self.refuse_left(left, count, "packets")?;
         } else if left != 0 {
             warnings.push(format!("{left} of {count} packets make no group of {looks} of one transmitter"));

@@ -104,6 +104,8 @@ class Bearings(unittest.TestCase):
         self.assert_same(table, array, "--iq", iq)
         np.testing.assert_allclose(np.radians(table["azimuth_deg"]), azimuths_rad, atol=0.1)
         self.assert_same(foxhound.bearings(array, iq, looks=2), array, "--iq", iq, "--looks", 2)
+        with self.assertWarnsRegex(UserWarning, "of the power are at 0 Hz"):
+            foxhound.bearings(array, samples + np.complex64(10))
 
     def test_packets_of_an_array_behind_a_switch(self):
         azimuths_rad = np.array([-2.0, 0.5] * 8)
