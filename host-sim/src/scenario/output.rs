@@ -1,5 +1,5 @@
-//! Writes results: to a temporary file in the same folder, which is then renamed. However the program ends, the file of that name is
-//! either complete or the previous one.
+//! Writes results: to a temporary file in the same folder, which is then renamed. However the program ends, and after a power cut, the
+//! file of that name is either complete or the previous one.
 //!
 //! Devices and pipes are written to directly.
 
@@ -66,7 +66,11 @@ impl Output {
         let named = |error: &io::Error| failed(&self.path, error);
         self.file.flush().map_err(|error| named(&error))?;
         if let Some([beside, target]) = &self.moves {
+            // After a power cut the name may be on disk without the bytes, if these are not there first.
+            self.file.get_ref().sync_all().map_err(|error| named(&error))?;
             fs::rename(beside, target).map_err(|error| named(&error))?;
+            // Without it the previous file may come back, which is complete, too. Not every system can do it.
+            let _ = File::open(folder_of(target).unwrap_or(Path::new("."))).and_then(|folder| folder.sync_all());
             self.moves = None;
         }
         Ok(())
