@@ -7,7 +7,7 @@ use foxhound_core::guidance;
 use foxhound_core::guidance::param::Values;
 
 use super::HostComputer;
-use crate::scenario::input::InputError;
+use crate::scenario::input::{InputError, read_text};
 use crate::scenario::params::{self, Given};
 
 /// A file of parameters, and the values for those that it does not have.
@@ -26,6 +26,10 @@ impl HostComputer {
     pub fn with_store(config: &guidance::Config, path: &Path) -> Result<Self, InputError> {
         let mut computer = Self::new(config)?;
         let store = Store { path: path.to_owned(), base: *config };
+        // What a power cut left of what was stored would be all defaults.
+        if read_text(path)?.trim().is_empty() {
+            return Err(InputError::new("is empty: expected lines NAME = VALUE").in_file(path));
+        }
         let values = store.read()?;
         computer.parts().0.run_with(values).map_err(|error| Given::from(values).named(error).in_file(path))?;
         computer.store = Some(store);
@@ -72,6 +76,15 @@ mod tests {
     use foxhound_link::{CharArray, MessageData};
 
     const PREFLIGHT_STORAGE: u16 = 245;
+
+    #[test]
+    fn an_empty_file_is_not_taken_for_all_defaults() {
+        let path = std::env::temp_dir().join(format!("foxhound-empty-{}.toml", std::process::id()));
+        std::fs::write(&path, "\n").unwrap();
+        let refused = HostComputer::with_store(&guidance::Config::default(), &path).unwrap_err().to_string();
+        assert!(refused.contains("is empty: expected lines NAME = VALUE"), "{refused}");
+        std::fs::remove_file(path).unwrap();
+    }
 
     /// Sends a message to the computer as a ground station, and returns the answer to its command.
     fn tell<D: MessageData>(computer: &mut HostComputer, now: &mut Instant, data: &D) -> Option<u8> {
