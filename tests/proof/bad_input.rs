@@ -535,6 +535,16 @@ fn every_bad_option_is_refused_by_name_value_and_range_in_one_message() {
         (vec!["tlog", &folder], vec![&folder, "directory"]),
         (vec!["tlog", &array], vec![&array, "no MAVLink frame"]),
         (vec!["replay", &array], vec![&array, "no flight log"]),
+        (vec!["listen", &array, "--array", &array, "--mount-deg", "90"], vec!["cannot be used with '--mount-deg"]),
+        (vec!["listen", &array, "--array", &array, "--emitter", "77"], vec!["cannot be used with '--emitter"]),
+        (
+            vec!["companion", "--autopilot", "tcp:127.0.0.1:1", "--source", "1,0,0", "--sigma-deg", "5"],
+            vec!["--bearings"],
+        ),
+        (
+            vec!["companion", "--autopilot", "tcp:127.0.0.1:1", "--source", "1,0,0", "--array", "nofile"],
+            vec!["--array: only with --bearings"],
+        ),
         (vec!["port", "--serial", &folder, "status"], vec![&folder, "directory"]),
         (vec!["port", "--serial", &array, "--baud", "300"], vec!["--baud", "'300'", "1200..=12000000"]),
         (vec!["port", "--serial", &array, "--seconds", "-1"], vec!["--seconds = -1", "0.1..=1000000"]),

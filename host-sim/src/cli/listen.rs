@@ -36,7 +36,12 @@ Examples:
 #[command(after_help = LISTEN_HELP)]
 pub(super) struct ListenCommand {
     /// A recording.
-    #[arg(value_name = "FILE", required_unless_present = "bearings", conflicts_with = "bearings", requires = "array")]
+    #[arg(
+        value_name = "FILE",
+        required_unless_present = "bearings",
+        conflicts_with_all = ["bearings", "emitter", "mount_deg", "sigma_deg", "bearing_age"],
+        requires = "array"
+    )]
     file: Option<PathBuf>,
     #[command(flatten)]
     radio: RadioArgs,

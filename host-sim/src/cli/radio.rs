@@ -28,16 +28,16 @@ pub(super) struct RadioArgs {
     #[arg(long, value_name = "FILE")]
     array: Option<PathBuf>,
     /// The wanted transmitter: frequency in Hz (kraken), address (hci, uudf), handle (hci) [default: any].
-    #[arg(long, value_name = "ID", value_parser = identity)]
+    #[arg(long, value_name = "ID", value_parser = identity, requires = "bearings")]
     emitter: Option<u64>,
     /// Direction of the array's zero, clockwise from the nose.
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = number(AZIMUTH_DEG))]
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = number(AZIMUTH_DEG), requires = "bearings")]
     mount_deg: f64,
     /// Standard deviation of bearings that come without one (kraken, uudf).
-    #[arg(long, value_name = "DEG", default_value_t = 8.0, value_parser = number(SIGMA_DEG))]
+    #[arg(long, value_name = "DEG", default_value_t = 8.0, value_parser = number(SIGMA_DEG), requires = "bearings")]
     sigma_deg: f64,
     /// Bearings older than this, in seconds, are not used.
-    #[arg(long, value_name = "S", default_value_t = 0.5, value_parser = number(AGE_S))]
+    #[arg(long, value_name = "S", default_value_t = 0.5, value_parser = number(AGE_S), requires = "bearings")]
     bearing_age: f64,
 }
 
@@ -68,7 +68,13 @@ impl RadioArgs {
 
     /// Opens the radio, if one is given.
     pub(super) fn open(&self) -> Result<Option<Radio>, InputError> {
-        let Some(source) = &self.bearings else { return Ok(None) };
+        let Some(source) = &self.bearings else {
+            // A recording needs it, too, so that it is checked here.
+            return match self.array {
+                Some(_) => Err(InputError::new("--array: only with --bearings")),
+                None => Ok(None),
+            };
+        };
         check_within("--mount-deg", self.mount_deg, &AZIMUTH_DEG)?;
         check_within("--sigma-deg", self.sigma_deg, &SIGMA_DEG)?;
         check_within("--bearing-age", self.bearing_age, &AGE_S)?;
