@@ -7,6 +7,7 @@
 //! The results do not depend on the number of parallel flights: every flight has its own world, computer and random
 //! numbers, and the sums are taken in the order of the file.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::LazyLock;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -156,7 +157,14 @@ impl Suite {
     pub fn checked(self) -> Result<Self, InputError> {
         self.scenario_without_map().checked()?;
         let far = 10_000.0;
+        let mut names = BTreeMap::new();
         for (k, map) in self.maps.iter().enumerate() {
+            let Map { row, instance, .. } = map;
+            // The flights would have the same seeds, and `--only` could not tell them apart.
+            if let Some(other) = names.insert((*row, *instance), k) {
+                let text = format!("maps[{k}]: row {row}, instance {instance} is maps[{other}], too");
+                return Err(InputError::new(text));
+            }
             for (n, [x, y, r]) in map.obstacles.iter().enumerate() {
                 check(&format!("maps[{k}].obstacles[{n}][0]"), *x, -far, far)?;
                 check(&format!("maps[{k}].obstacles[{n}][1]"), *y, -far, far)?;

@@ -40,6 +40,13 @@ fn every_key_is_taken_and_written_back() {
 }
 
 #[test]
+fn two_maps_of_one_row_and_instance_are_refused() {
+    let text = SMALL.replace(r#""row":1,"instance":0"#, r#""row":3,"instance":1"#);
+    let refused = Suite::parse(&text).unwrap_err().to_string();
+    assert_eq!(refused, "maps[1]: row 3, instance 1 is maps[0], too");
+}
+
+#[test]
 fn what_is_missing_is_as_in_a_scenario() {
     let suite = Suite::parse(r#"{"maps":[{"row":1,"instance":0,"obstacles":[],"pairs":[[0,0,5,5,7.1]]}]}"#).unwrap();
     let flights = suite.flights(1, &Selection::default());
