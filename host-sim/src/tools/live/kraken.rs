@@ -3,7 +3,7 @@
 //! Fields: time (ms), bearing (degrees clockwise from the array's zero, as a compass has it), confidence, power, frequency (Hz), array, latency,
 //! station, latitude, longitude, heading twice, `GPS`, four reserved, then the spectrum over the circle. The software rewrites the file in
 //! place, so a line may be incomplete: it is skipped. A line with the same time as the previous one is not a new bearing, nor is the first after
-//! a connection: nobody knows how long it has been there. The time is of the radio's clock, which need not be ours, so a bearing's age is the
+//! the start or a failure: nobody knows how long it has been there. The time is of the radio's clock, which need not be ours, so a bearing's age is the
 //! latency (ms) that its line states.
 
 use std::io::{Read as _, Write as _};
