@@ -13,7 +13,7 @@
 //! which stops the processor; the link allows that only outside control.
 
 /// How long a step may take, from the frame's hand-over to the setpoint, microseconds. It is half of the 20 ms from frame
-/// to frame: ten times the duration of the worst step.
+/// to frame. The worst step of the bench takes two thirds of it at one cycle for an instruction, and nearly all at one and a half.
 pub const BUDGET_US: u32 = 10_000;
 
 /// Counts since the start.

@@ -2,7 +2,7 @@
 //!
 //! Frames are processed here, line by line as they arrive ([`foxhound_computer::camera`]), in the time left by
 //! guidance; guidance gets the result with its next step. Guidance writes the log and carries out typed commands, one
-//! per step; the tasks here only move bytes, with a lower priority than the autopilot's line. If the port is too
+//! per step; what the tasks here do has a lower priority than guidance. If the port is too
 //! slow, or not connected, only the log suffers.
 
 use core::sync::atomic::{AtomicU32, Ordering};

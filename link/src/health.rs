@@ -32,7 +32,7 @@ pub(crate) enum Charge {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Health {
     charges: [Charge; BATTERIES],
-    /// Energy left, the least of all batteries, in the last message of each kind.
+    /// Energy left in the first battery, by the last message of each kind.
     remaining_percent: [Option<u8>; 2],
     estimator_is_bad: bool,
     fence_is_breached: bool,

@@ -117,15 +117,20 @@ fn the_farthest_circle_gives_way_when_the_store_is_full() {
 }
 
 #[test]
-fn a_circle_that_is_seen_through_is_forgotten_after_three_looks() {
-    let mut map = Map::default();
-    map.observe_circles(Instant(1), Horizontal::default(), &[circle(2.0, 0.0, 0.2), circle(-2.0, 0.0, 0.2)]).unwrap();
-    let scan = Scan { rays: [Sector::Clear; SECTORS_MAX].into_iter().collect(), ..unknown_scan() };
-    for look in 0..3 {
-        assert_eq!(map.circles().count(), 2, "{look}");
-        map.observe_scan(Instant(1), &scan, &Pose::default(), &Segmentation::default(), false);
+fn a_circle_that_is_seen_through_is_forgotten_after_three_looks_or_six_where_rays_are_lost() {
+    for (loses_rays, behind, looks) in
+        [(false, Sector::Clear, 3), (false, Sector::Hit(2.8), 3), (true, Sector::Clear, 6), (true, Sector::Hit(2.8), 3)]
+    {
+        let mut map = Map::default();
+        let both = [circle(2.0, 0.0, 0.2), circle(-2.0, 0.0, 0.2)];
+        map.observe_circles(Instant(1), Horizontal::default(), &both).unwrap();
+        let scan = Scan { rays: [behind; SECTORS_MAX].into_iter().collect(), ..unknown_scan() };
+        for look in 0..looks {
+            assert_eq!(map.circles().count(), 2, "{loses_rays} {behind:?} {look}");
+            map.observe_scan(Instant(1), &scan, &Pose::default(), &Segmentation::default(), loses_rays);
+        }
+        assert_eq!(map.circles().count(), 1, "the one behind is out of sight and stays");
     }
-    assert_eq!(map.circles().count(), 1, "the one behind is out of sight and stays");
 }
 
 #[test]

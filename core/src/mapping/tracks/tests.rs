@@ -3,6 +3,7 @@
 use std::vec::Vec as StdVec;
 
 use super::*;
+use crate::base::rng::Rng;
 use crate::mapping::scan::{self, Sector};
 
 const SCAN_S: f32 = 0.1;
@@ -43,6 +44,9 @@ struct Watch {
     tracks: Tracks,
     now_s: f32,
     view: (f32, usize),
+    /// Share of the rays that are lost, and whether the tracks are told.
+    lost: f32,
+    loses_rays: bool,
 }
 
 impl Watch {
@@ -51,19 +55,28 @@ impl Watch {
     }
 
     fn with_rays(fov_deg: f32, rays: usize) -> Self {
-        Self { tracks: Tracks::default(), now_s: 1.0, view: (fov_deg, rays) }
+        Self { tracks: Tracks::default(), now_s: 1.0, view: (fov_deg, rays), lost: 0.0, loses_rays: false }
     }
 
     fn look(&mut self, pose: &Pose, circles: &[(Horizontal, f32)]) {
+        self.look_with(pose, circles, &mut Rng::new(0, 0));
+    }
+
+    fn look_with(&mut self, pose: &Pose, circles: &[(Horizontal, f32)], rng: &mut Rng) {
         self.now_s += SCAN_S;
         let now = Instant((self.now_s * 1e6) as u64);
-        let scan = cast(now, pose, self.view, circles);
+        let mut scan = cast(now, pose, self.view, circles);
+        for ray in 0..scan.rays.len() {
+            if rng.uniform() < self.lost {
+                scan.rays.set(ray, Sector::Clear);
+            }
+        }
         self.tracks.advance(now);
         if scan.is_fine() {
-            return self.tracks.observe_rays(&scan, pose, Horizontal::default(), false);
+            return self.tracks.observe_rays(&scan, pose, Horizontal::default(), self.loses_rays);
         }
         let look = scan::fit(&scan, pose).unwrap();
-        self.tracks.observe(&scan, pose, Horizontal::default(), &look.points_m, false);
+        self.tracks.observe(&scan, pose, Horizontal::default(), &look.points_m, self.loses_rays);
     }
 
     fn moving(&self) -> StdVec<Track> {
@@ -200,6 +213,27 @@ fn nothing_of_a_wall_moves_however_it_is_flown_along() {
             }
         }
     }
+}
+
+/// A ray that was lost says of a place that it was free.
+#[test]
+fn of_a_sensor_that_loses_rays_two_scans_must_have_seen_through() {
+    let posts: StdVec<_> =
+        (0..12).map(|k| (horizontal(0.9 * k as f32, if k % 2 == 0 { 1.1 } else { -1.3 }), 0.05)).collect();
+    let [one, two] = [false, true].map(|loses_rays| {
+        let mut moving = 0;
+        for flight in 0..20 {
+            let (mut rng, mut watch) = (Rng::new(flight, 0), Watch::new(360.0));
+            (watch.lost, watch.loses_rays) = (0.2, loses_rays);
+            for look in 0..60 {
+                let pose = Pose { position_ned_m: horizontal(0.1 * look as f32, 0.0), yaw_rad: 0.0 };
+                watch.look_with(&pose, &posts, &mut rng);
+                moving += watch.moving().len();
+            }
+        }
+        moving
+    });
+    assert!(one > 100 && 4 * two < one, "{one} {two}");
 }
 
 #[test]
