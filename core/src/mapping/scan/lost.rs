@@ -3,7 +3,7 @@
 //! A ray that sees nothing between two that hit at the same range, so near to each other that hardly anybody could see
 //! between them, counts as lost. Who learns from what is seen through asks for more than one scan if rays are lost.
 
-use super::{Scan, Sector};
+use super::Scan;
 
 /// The two hits beside the ray are at most so far apart, and their ranges so much.
 const APART_MAX_M: f32 = 0.25;
@@ -25,22 +25,10 @@ impl LostRays {
     /// Takes in a scan.
     #[inline(never)]
     pub fn note(&mut self, scan: &Scan) {
-        let (mut lost, mut whole) = (0_u32, 0_u32);
         let near_m = APART_MAX_M / (2.0 * libm::fabsf(scan.step_rad));
-        let (mut first, mut middle) = (Sector::Unknown, Sector::Unknown);
-        for index in 0..scan.rays.len() {
-            let last = scan.rays.get(index);
-            if let (Sector::Hit(first_m), Sector::Hit(last_m)) = (first, last)
-                && first_m < near_m
-                && libm::fabsf(first_m - last_m) < ALIKE_M
-            {
-                lost += u32::from(middle == Sector::Clear);
-                whole += u32::from(middle != Sector::Unknown);
-            }
-            (first, middle) = (middle, last);
-        }
+        let (lost, whole) = scan.rays.between_alike(near_m, ALIKE_M);
         self.lost = KEPT * self.lost + lost as f32;
-        self.whole = KEPT * self.whole + whole as f32;
+        self.whole = KEPT * self.whole + (lost + whole) as f32;
     }
 
     /// Whether the sensor loses rays, more than now and then.
@@ -55,6 +43,7 @@ mod tests {
     use super::*;
     use crate::base::rng::Rng;
     use crate::base::time::Instant;
+    use crate::mapping::scan::Sector;
 
     fn scan(ray: impl FnMut(usize) -> Sector) -> Scan {
         let step_rad = 0.02;

@@ -81,6 +81,21 @@ impl Rays {
         }
     }
 
+    /// Of every three rays the middle one, where the others hit at the same range, less than `near_m`, `alike_m` apart at most: how many
+    /// see nothing, and how many something.
+    pub(super) fn between_alike(&self, near_m: f32, alike_m: f32) -> (u32, u32) {
+        let [near_mm, alike_mm] = [near_m, alike_m].map(|range_m| between(1000.0 * range_m, 0.0, 60_000.0) as u16);
+        let (mut clear, mut hit) = (0, 0);
+        for three in self.measured().chunks_exact(3) {
+            let &[first, middle, last] = three else { continue };
+            if first < near_mm && first.abs_diff(last) < alike_mm && first != ABSURD && last < CLEAR {
+                clear += u32::from(middle == CLEAR);
+                hit += u32::from(middle < CLEAR);
+            }
+        }
+        (clear, hit)
+    }
+
     /// Their measurements, in order.
     pub fn iter(&self) -> impl Iterator<Item = Sector> + '_ {
         (0..self.len()).map(|index| self.get(index))

@@ -46,7 +46,7 @@ pub(super) struct View<'a> {
     pub(super) late_s: f32,
     pub(super) pose: &'a Pose,
     pub(super) hits: &'a [Horizontal],
-    pub(super) before: Option<[&'a Kept; 2]>,
+    pub(super) before: Option<(&'a Kept, Option<&'a Kept>)>,
 }
 
 impl View<'_> {
@@ -54,12 +54,12 @@ impl View<'_> {
         self.hits.get(usize::from(piece.from)..usize::from(piece.to)).unwrap_or_default()
     }
 
-    /// Whether two earlier scans saw through where enough of them are: a ray of one alone may have been lost.
+    /// Whether an earlier scan saw through where enough of them are; where rays are lost, two.
     fn was_free(&self, hits: &[Horizontal]) -> bool {
-        let Some(before) = self.before else { return false };
+        let Some((newest, other)) = self.before else { return false };
         let was_free = |hit: &&Horizontal| {
             let place = hit.plus(self.pose.position_ned_m);
-            before.iter().all(|kept| kept.saw_through(place))
+            newest.saw_through(place) && other.is_none_or(|kept| kept.saw_through(place))
         };
         hits.iter().filter(was_free).count() as f32 > THROUGH_SHARE * hits.len() as f32
     }

@@ -265,7 +265,7 @@ impl Tracks {
     }
 
     /// The latest kept scan that is old enough; where rays are lost, and one may be without meaning, the one before it too.
-    fn before(&self, now: Instant, loses_rays: bool) -> Option<[&Kept; 2]> {
+    fn before(&self, now: Instant, loses_rays: bool) -> Option<(&Kept, Option<&Kept>)> {
         if !self.is_kept {
             return None;
         }
@@ -276,7 +276,7 @@ impl Tracks {
                 (before_s..1.0).contains(&age_s) && kept.step_rad != 0.0
             });
         let newest = old.next()?;
-        Some([newest, if loses_rays { old.next()? } else { newest }])
+        Some((newest, if loses_rays { Some(old.next()?) } else { None }))
     }
 
     /// Tracks whose object is not seen although the sensor covers its place.
