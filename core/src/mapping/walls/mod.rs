@@ -156,11 +156,17 @@ impl Extractor {
         for point in points_ned_m.iter().filter(usable).take(POINTS_MAX) {
             let _ = workspace.points.push(point.minus(origin));
         }
+        self.propose_lines(workspace);
+        self.walls(workspace, origin)
+    }
+
+    /// Proposes lines. Not inlined: what it takes of the stack is given back before walls are looked for.
+    #[inline(never)]
+    fn propose_lines(&self, workspace: &mut Workspace) {
         workspace.proposed.clear();
         for piece in &split_merge::pieces(self.config.gap_m, &workspace.points) {
             propose(&mut workspace.proposed, &piece.moments);
         }
-        self.walls(workspace, origin)
     }
 
     /// The walls among the points, which are relative to an origin, from the proposed lines.
