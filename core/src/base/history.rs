@@ -216,6 +216,15 @@ mod tests {
     }
 
     #[test]
+    fn after_a_longer_gap_it_may_have_flown_there() {
+        for (gap_us, has_jumped) in [(900_000, true), (1_100_000, false), (3_000_000, false)] {
+            let mut poses = Poses::default();
+            poses.note(&heard(1_000_000, 0.0, 0.0));
+            assert_eq!(poses.note(&heard(1_000_000 + gap_us, 5.5, 0.0)).is_some(), has_jumped, "{gap_us}");
+        }
+    }
+
+    #[test]
     fn the_axes_are_those_of_yaw_then_pitch_then_roll() {
         let pose = FullPose { roll_rad: 0.1, pitch_rad: -0.2, yaw_rad: 1.0, ..FullPose::default() };
         let ownship = Ownship { roll_rad: 0.1, pitch_rad: -0.2, yaw_rad: 1.0, ..Ownship::default() };

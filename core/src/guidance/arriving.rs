@@ -18,6 +18,8 @@ struct Above {
     state: State<64>,
     vehicle: Vehicle,
     now: Instant,
+    /// Neither obstacles nor the vehicle's position come any more.
+    is_blind: bool,
 }
 
 impl Above {
@@ -25,7 +27,7 @@ impl Above {
         let landing = Some(landing::Config { has_camera: true, ..landing::Config::default() });
         let guidance = Config { landing, ..Config::default() }.build::<64>().unwrap();
         let (state, now) = (guidance.start(), Instant(1_000_000));
-        Self { guidance, state, vehicle: Vehicle::new(Horizontal::default(), 4, 0.45), now }
+        Self { guidance, state, vehicle: Vehicle::new(Horizontal::default(), 4, 0.45), now, is_blind: false }
     }
 
     /// A step of 20 ms with the beacon 0.3 m north of the origin, and the pad there too if it is seen.
@@ -64,8 +66,8 @@ impl Above {
             &mut self.state,
             &Input {
                 front_end: FrontEnd::Bearing(bearing),
-                ownship: Some(ownship),
-                circles: Some(circles),
+                ownship: (!self.is_blind).then_some(ownship),
+                circles: (!self.is_blind).then_some(circles),
                 height_m: Some(HEIGHT_M),
                 look: now.0.is_multiple_of(100_000).then_some(PadObservation { time: now, seen }),
                 control: Control::Granted,
@@ -116,6 +118,32 @@ fn on_the_ground_it_moves_for_nobody() {
         assert_eq!((north, east, output.setpoint.yaw_rate_radps), (0.0, 0.0, 0.0));
         // The autopilot has not seen the ground yet.
         assert!(down > 0.0 || step < 2, "{step}: {down}");
+    }
+}
+
+#[test]
+fn on_the_ground_it_is_told_to_sink_with_whatever_is_stale() {
+    let mut above = Above::new();
+    let is_at = |stage: Stage, output: &Output| output.landing.is_some_and(|landing| landing.stage == stage);
+    assert!((0..1500).any(|_| is_at(Stage::Centring, &above.step(true, &[]))));
+    above.state.arrival.landing.put_down(above.now);
+    above.is_blind = true;
+    for step in 0..200 {
+        let output = above.step(true, &[]);
+        assert_eq!(output.outcome, Outcome::Landed, "{step}");
+        let Ned { north, east, down } = output.setpoint.velocity_ned_mps;
+        assert!((north, east) == (0.0, 0.0) && (down > 0.0 || step < 2), "{step}: {:?}", output.setpoint);
+    }
+}
+
+#[test]
+fn what_was_given_up_is_not_begun_again_by_what_looks_like_a_reflection_later() {
+    let mut above = Above::new();
+    above.state.mission.give_up();
+    assert_eq!(above.step(false, &[]).outcome, Outcome::GoalUnreachable);
+    above.state.belief.suppose_reflections();
+    for _ in 0..100 {
+        assert_eq!(above.step(false, &[]).outcome, Outcome::GoalUnreachable);
     }
 }
 

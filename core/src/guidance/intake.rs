@@ -14,6 +14,7 @@ use crate::base::pose::Pose;
 use crate::base::time::Instant;
 use crate::base::units::wrap_pi;
 use crate::doa::bearing::{Bearing, BearingEstimator};
+use crate::landing::Stage;
 use crate::mapping::scan::{self, Points, Refusal, Scan, Segmentation};
 use crate::signal::phase::Phasors;
 
@@ -119,6 +120,11 @@ impl<const N: usize> Guidance<N> {
         }
         let seen = from_scan.map(|(scan, pose)| pose.and_then(|pose| Self::take_scan(state, now, scan, pose)));
         if let Some(ownship) = &state.vehicle.ownship {
+            // On the way down onto a pad it does not look around anew.
+            let stage = state.arrival.landing.stage();
+            if !matches!(stage, Stage::Centring | Stage::Descending | Stage::Committed | Stage::Landed) {
+                state.control.guard.level(ownship.position_ned_m.down);
+            }
             near::gather(
                 &self.guard,
                 self.near_m,

@@ -48,7 +48,7 @@ impl<const N: usize> Guidance<N> {
         let situation = self.situation(state);
         let mut decision = self.decide(state, input, &situation);
         let Command { setpoint, guard, plan_requested } = self.act(state, input, &situation, &mut decision);
-        state.arrival.is_blocked = is_blocked(state, guard, &setpoint);
+        state.arrival.is_blocked = guard == guard::Action::Braked;
         self.vehicle_model.command(&mut state.vehicle.model, setpoint.velocity_ned_mps.horizontal());
         note(&mut state.trace, bearing.as_ref(), &setpoint);
 
@@ -348,14 +348,6 @@ fn has_landed<const N: usize>(state: &State<N>) -> bool {
     state.arrival.advice.is_some_and(|advice| advice.stage == landing::Stage::Landed)
 }
 
-/// Whether the guard lets the landing get nowhere: it brakes, or stops before what stands in the way.
-fn is_blocked<const N: usize>(state: &State<N>, guard: guard::Action, setpoint: &Setpoint) -> bool {
-    let (demand, _) = landing_demand(state);
-    let moves = |velocity: Horizontal| velocity.norm_squared() > STILL_MPS * STILL_MPS;
-    let stops = moves(demand.velocity_ned_mps) && !moves(setpoint.velocity_ned_mps.horizontal());
-    guard == guard::Action::Braked || guard == guard::Action::Limited && stops
-}
-
 /// The landing's demand, and the outcome if it has ended.
 fn landing_demand<const N: usize>(state: &State<N>) -> (Demand, Option<Outcome>) {
     let Some(advice) = state.arrival.advice else { return (Demand::default(), None) };
@@ -383,9 +375,6 @@ fn progress<const N: usize>(state: &State<N>, demand: Option<Demand>, action: gu
         progress => progress,
     }
 }
-
-/// A slower vehicle stands still.
-const STILL_MPS: f32 = 0.05;
 
 /// Smallest ratio of a wave's horizontal part to the sine of the tilt for its azimuth to be reported.
 const TILTS: f32 = 3.0;

@@ -72,7 +72,7 @@ pub mod observation;
 pub mod search;
 mod stages;
 
-use centring::{ACCEL_MAX_MPS2, CLIMB_MPS, DESCENT_MAX_MPS, DOWN_ACCEL_MAX_MPS2, SPEED_MAX_MPS, Taken};
+use centring::{ACCEL_MAX_MPS2, CLIMB_MPS, COMMIT_MPS, DESCENT_MAX_MPS, DOWN_ACCEL_MAX_MPS2, SPEED_MAX_MPS, Taken};
 use observation::{PadObservation, Seen};
 
 /// Own position and attitude older than this are not used.
@@ -470,7 +470,7 @@ impl Lander {
     pub fn step(&self, state: &mut State, input: &Input<'_>) -> Output {
         let tick_s = if input.tick_s > 1e-3 && input.tick_s < 0.2 { input.tick_s } else { 0.02 };
         let now = input.now;
-        let Some(ownship) = fresh(input.ownship, now) else { return self.hold_blindly(state, tick_s) };
+        let Some(ownship) = fresh(input.ownship, now) else { return self.hold_blindly(state, input.is_landed, tick_s) };
         let height_m = plausible_height_m(input.height_m);
         let place = FullPose::carried(ownship, now).place_ned_m;
         let here = Here {
@@ -523,11 +523,13 @@ impl Lander {
     }
 
     /// Without an ownship.
-    fn hold_blindly(&self, state: &mut State, tick_s: f32) -> Output {
+    fn hold_blindly(&self, state: &mut State, is_landed: bool, tick_s: f32) -> Output {
         if state.stage == Stage::Seeking {
             return Output { reason: Some(Reason::NoOwnship), ..Output::default() };
         }
-        let demand = self.limited(state, Wish::default(), tick_s);
+        let sinks = state.stage == Stage::Landed && !is_landed;
+        let down_mps = if sinks { COMMIT_MPS } else { 0.0 };
+        let demand = self.limited(state, Wish { down_mps, ..Wish::default() }, tick_s);
         let is_over = matches!(state.stage, Stage::HandedOver | Stage::Landed);
         let reason = if is_over { state.reason } else { Some(Reason::NoOwnship) };
         Output { stage: state.stage, demand: Some(demand), reason, ..Output::default() }

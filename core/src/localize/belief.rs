@@ -252,6 +252,14 @@ impl State {
         may_mislead
     }
 
+    /// As a wave that comes by a wall does, where reflections are not doubted.
+    #[cfg(test)]
+    pub(crate) fn suppose_reflections(&mut self) {
+        if self.reflections != Reflections::Doubted {
+            self.reflections = Reflections::Supposed;
+        }
+    }
+
     /// Control was given back: reflections count again.
     pub fn trust_reflections(&mut self) {
         self.reflections = Reflections::None;

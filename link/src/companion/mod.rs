@@ -458,7 +458,7 @@ impl Companion {
         self.entry_needed = true;
     }
 
-    /// We have been restarted by a fault, as [`Self::require_entry`]; and PX4, which enters OFFBOARD by itself as soon as setpoints come,
+    /// We have been restarted by a fault or by the supply, as [`Self::require_entry`]; and PX4, which enters OFFBOARD by itself as soon as setpoints come,
     /// gets none outside of it until the vehicle is disarmed or a station requests to continue.
     pub fn note_crash(&mut self) {
         self.entry_needed = true;
@@ -541,12 +541,14 @@ impl Companion {
         if autopilot.obeys() && (matches!(cause, Cause::Unfit | Cause::LinkLost) || (is_held && self.has_ended)) {
             self.entry_needed = true;
         }
-        if !autopilot.obeys() {
-            self.seeking = false;
-        } else if cause == Cause::None
-            && self.published.is_some_and(|published| published.outcome.behaviour() == Behaviour::Follow)
-        {
-            self.seeking = true;
+        match cause {
+            // A short silence ends no search.
+            Cause::LinkQuiet => {}
+            Cause::None => {
+                let follows = |published: &Published| published.outcome.behaviour() == Behaviour::Follow;
+                self.seeking |= self.published.as_ref().is_some_and(follows);
+            }
+            _ => self.seeking = false,
         }
         if !matches!(cause, Cause::LinkLost | Cause::LinkQuiet) {
             self.ask(&autopilot);

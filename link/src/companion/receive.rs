@@ -130,7 +130,7 @@ impl Companion {
             || self.landed_state == MavLandedState::MAV_LANDED_STATE_TAKEOFF as u8
     }
 
-    /// Whether it is not known if the vehicle is in a take-off: we have been restarted, and the autopilot has not said. ArduPilot ends a
+    /// Whether it is not known if the vehicle is in a take-off: we have been restarted, or the link was lost, and the autopilot has not said. ArduPilot ends a
     /// take-off at the first setpoint.
     pub(super) fn may_take_off(&self) -> bool {
         self.landed_state == MavLandedState::MAV_LANDED_STATE_UNDEFINED as u8 && self.is_ardupilot()

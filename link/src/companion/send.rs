@@ -173,7 +173,12 @@ impl Companion {
         let prestream = self.config.prestream && !self.may_reenter(autopilot.software);
         let setpoint = match cause.stream(autopilot.software, prestream) {
             Stream::Silent => None,
-            Stream::Zero if matches!(cause, Cause::StoreDamaged | Cause::EntryNeeded) && self.may_take_off() => None,
+            Stream::Zero
+                if matches!(cause, Cause::LinkQuiet | Cause::StoreDamaged | Cause::EntryNeeded)
+                    && self.may_take_off() =>
+            {
+                None
+            }
             Stream::Zero => Some(Setpoint::default()),
             Stream::Guidance => {
                 let is_fresh = |time: Instant| !is_over(now, time, self.config.setpoint_age_max_s);

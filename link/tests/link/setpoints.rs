@@ -173,6 +173,7 @@ fn silence_of_the_autopilot_means_zero_after_2_5_s_and_nothing_after_5_s() {
         let mut bench = Bench::flying();
         bench.heartbeat = Some(autopilot);
         bench.run(0.01);
+        bench.say(&extended(2));
         bench.heartbeat = None;
         let heard_us = bench.now_us;
         bench.run(2.49);

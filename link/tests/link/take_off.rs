@@ -27,6 +27,10 @@ fn nor_does_a_restart_with_a_damaged_record() {
     bench.run(1.0);
     assert_eq!(bench.companion.cause(bench.now()), Cause::StoreDamaged);
     assert!(bench.setpoints().is_empty());
+    bench.companion.note_store(false);
+    bench.heartbeat = None;
+    bench.run(4.5);
+    assert!(bench.setpoints().is_empty(), "silent before it said what it does");
 }
 
 #[test]

@@ -197,6 +197,11 @@ impl State {
         self.counts
     }
 
+    /// The vehicle's altitude, in control: at another one nothing has been seen.
+    pub fn level(&mut self, down_m: f32) {
+        self.coverage.level(Some(down_m));
+    }
+
     /// A step out of control: the next command starts from rest; the coverage is kept at the same altitude, and the step is
     /// counted.
     pub fn release(&mut self, down_m: Option<f32>) {
@@ -256,7 +261,6 @@ impl Guard {
         let yaw_rate_radps = between(finite(demand.yaw_rate_radps), -c.yaw_rate_max_radps, c.yaw_rate_max_radps);
         let down = self.vertical(state.down_mps, finite(demand.down_mps), input, dt_s);
 
-        state.coverage.level(input.down_m);
         let last = state.command_ned_mps;
         let braked = (limited(last, Horizontal::default(), c.a_max_mps2 * dt_s), Action::Braked, None);
         let (velocity, action, look_ned_rad) =

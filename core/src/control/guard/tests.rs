@@ -517,6 +517,19 @@ fn the_altitude_stays_in_its_band_and_inside_the_limits() {
 }
 
 #[test]
+fn limits_of_altitude_that_meet_by_a_rounding_are_no_panic() {
+    let mut rng = Rng::new(5, 5);
+    for _ in 0..20_000 {
+        let down_max_m = 4.0 * rng.uniform() - 2.0;
+        let guard = guard_of(&Config { down_max_m, ..Config::default() });
+        let input = GuardInput { down_m: Some(down_max_m), held_down_m: Some(5.0), ..GuardInput::default() };
+        let demand = Demand { down_mps: 1.0, ..Demand::default() };
+        let down_mps = guard.step(&mut State::default(), &demand, &input, &[], DT).setpoint.velocity_ned_mps.down;
+        assert!(down_mps.abs() < 1e-6, "{down_mps}");
+    }
+}
+
+#[test]
 fn an_acceleration_builds_up_no_faster_than_the_jerk_limit_but_a_brake_is_at_once() {
     let config = Config::default();
     let guard = guard_of(&config);

@@ -57,6 +57,21 @@ fn in_calm_air_it_lands_on_the_middle_of_the_pad() {
 }
 
 #[test]
+fn it_arrives_above_a_beacon_that_pulses() {
+    let lander = Landing::new(Config::default());
+    // 0.1 s a second, and every 1.4 s.
+    for pulse in [(5, 50), (5, 70)] {
+        for seed in 0..20 {
+            let bearing = Horizontal::from_bearing(0.31 * seed as f32).times(8.0);
+            let beacon_ned_m = Ned { north: bearing.north, east: bearing.east, down: 0.0 };
+            let mut flight = Flight::new(World { pulse, beacon_ned_m, ..World::new(seed) });
+            let (output, stages) = flight.run(&lander, 250.0, towards_beacon);
+            assert_eq!(output.reason, Some(Reason::Arrived), "{pulse:?} {seed}: {stages:?}");
+        }
+    }
+}
+
+#[test]
 fn in_gusts_of_up_to_3_m_s_it_lands_on_the_middle_of_the_pad() {
     // Three times the standard deviation, along each of two axes.
     for answer in [Answer::ArduCopter, Answer::Fast] {

@@ -70,6 +70,8 @@ pub(super) struct World {
     pub(super) outlier_share: f32,
     pub(super) has_elevation: bool,
     pub(super) deaf_s: Span,
+    /// The beacon is heard in the first so many of so many steps.
+    pub(super) pulse: (u64, u64),
     /// The bank's estimate, if any.
     pub(super) believed_ned_m: Option<Horizontal>,
     /// The autopilot reports that it has landed.
@@ -109,6 +111,7 @@ impl World {
             outlier_share: 0.0,
             has_elevation: true,
             deaf_s: NEVER,
+            pulse: (1, 1),
             believed_ned_m: None,
             says_landed: true,
             camera: Camera::Works,
@@ -369,7 +372,9 @@ impl Flight {
         let look = is_due.then(|| self.look());
         self.looks.push_back(look);
         let look = if self.looks.len() > self.world.look_late_ticks { self.looks.pop_front().flatten() } else { None };
-        let bearing = (!inside(self.world.deaf_s, self.time_s())).then(|| self.bearing());
+        let (sounds, of) = self.world.pulse;
+        let is_heard = self.tick % of < sounds && !inside(self.world.deaf_s, self.time_s());
+        let bearing = is_heard.then(|| self.bearing());
         let believed = |place_ned_m| Estimate {
             place_ned_m,
             covariance_m2: [0.3, 0.0, 0.3],

@@ -52,7 +52,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_seen_with_gaps_tells_of_lost_rays_and_whole_walls_and_bodies_apart_do_not() {
+    fn a_wall_seen_with_gaps_tells_of_lost_rays_and_a_whole_one_and_things_apart_do_not() {
         let mut rng = Rng::new(23, 0);
         let mut whole_wall = |_| Sector::Hit(2.0 + 0.02 * rng.gaussian());
         let mut lost = LostRays::default();
@@ -66,15 +66,22 @@ mod tests {
             lost.note(&scan(&mut wall));
         }
         assert!(lost.are_many());
-        // Posts of five rays, five rays apart, one in two of them nearer.
-        let posts = |ray: usize| match ray / 5 % 4 {
-            1 => Sector::Hit(1.5),
-            3 => Sector::Hit(2.0),
-            _ => Sector::Clear,
+        // Gaps of one ray: between what is near and what is far, and between posts so far away that somebody could be seen there.
+        let posts = |ray: usize| match ray % 6 {
+            2 | 5 => Sector::Clear,
+            0 | 1 => Sector::Hit(1.5),
+            _ => Sector::Hit(2.0),
         };
+        let far = |ray: usize| if ray % 3 == 1 { Sector::Clear } else { Sector::Hit(2.9) };
+        let wide = |scan: Scan| Scan { step_rad: 0.05, ..scan };
         for _ in 0..200 {
             lost.note(&scan(posts));
+            lost.note(&wide(scan(far)));
         }
         assert!(!lost.are_many());
+        for _ in 0..3 {
+            lost.note(&scan(far));
+        }
+        assert!(lost.are_many());
     }
 }

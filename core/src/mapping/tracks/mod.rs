@@ -276,7 +276,7 @@ impl Tracks {
                 (before_s..1.0).contains(&age_s) && kept.step_rad != 0.0
             });
         let newest = old.next()?;
-        Some((newest, if loses_rays { Some(old.next()?) } else { None }))
+        Some((newest, if loses_rays { old.next() } else { None }))
     }
 
     /// Tracks whose object is not seen although the sensor covers its place.
