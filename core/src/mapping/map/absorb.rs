@@ -134,7 +134,7 @@ struct View<'a> {
     outermost_ray: f32,
     /// How far a range may be off, see [`Segmentation::slip_m`].
     slip_m: f32,
-    /// What counts a ray that sees nothing.
+    /// What a ray that sees nothing counts.
     nothing: u8,
 }
 
