@@ -7,7 +7,9 @@ use crate::base::history::FullPose;
 use crate::base::ned::{Horizontal, Ned};
 use crate::base::obstacle::Neighbour;
 use crate::base::ownship::{Ownship, Stale};
+use crate::base::time::Instant;
 use crate::base::trace::Trace;
+use crate::base::units::between;
 use crate::control::guard::{self, GuardInput, Setpoint};
 use crate::control::track::{self, Demand};
 use crate::doa::bearing::{Bearing, Flags};
@@ -45,7 +47,7 @@ impl<const N: usize> Guidance<N> {
         let plan_activated = self.take_over(state, input.answer);
         self.estimate_wind(state, input.control);
         self.land(state, input, bearing.as_ref());
-        let situation = self.situation(state);
+        let situation = self.situation(state, input.now);
         let mut decision = self.decide(state, input, &situation);
         let Command { setpoint, guard, plan_requested } = self.act(state, input, &situation, &mut decision);
         state.arrival.is_blocked = guard == guard::Action::Braked;
@@ -215,11 +217,12 @@ impl<const N: usize> Guidance<N> {
         Command { setpoint, guard, plan_requested: self.ask(state, input.now, situation, progress) }
     }
 
-    /// The guard's input: the vehicle's position and rest point.
-    fn situation(&self, state: &State<N>) -> GuardInput {
+    /// The guard's input: the vehicle's position by now, and its rest point.
+    fn situation(&self, state: &State<N>, now: Instant) -> GuardInput {
         let ownship = state.vehicle.ownship.unwrap_or_default();
-        let position_ned_m = ownship.position_ned_m.horizontal();
         let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
+        let age_s = between(now.seconds_since(ownship.position_time), 0.0, mission::POSITION_AGE_MAX_S);
+        let position_ned_m = ownship.position_ned_m.horizontal().plus(velocity_ned_mps.times(age_s));
         let rest_ned_m = self.vehicle_model.rest_point(&state.vehicle.model, position_ned_m, velocity_ned_mps);
         GuardInput {
             position_ned_m,
@@ -389,4 +392,27 @@ fn is_overhead(ownship: Option<&Ownship>, bearing: &Bearing) -> bool {
 
 fn unusable(bearing: Bearing) -> Bearing {
     Bearing { valid: false, flags: bearing.flags.with(Flags::AMBIGUOUS), ..bearing }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::guidance::Config;
+
+    #[test]
+    fn between_two_positions_the_vehicle_is_where_its_velocity_has_taken_it() {
+        let guidance = Config::default().build::<64>().unwrap();
+        let mut state = guidance.start();
+        let velocity_ned_mps = Ned { north: 1.0, east: -0.5, down: 0.0 };
+        let heard = Instant(1_000_000);
+        let ownship = Ownship { position_time: heard, velocity_ned_mps, ..Ownship::default() };
+        guidance.step(&mut state, &Input { ownship: Some(ownship), ..Input::at(heard) });
+        for (age_us, carried_s) in [(0, 0.0), (280_000, 0.28), (3_000_000, mission::POSITION_AGE_MAX_S)] {
+            let GuardInput { position_ned_m, rest_ned_m, .. } = guidance.situation(&state, heard.plus_micros(age_us));
+            let carried_ned_m = velocity_ned_mps.horizontal().times(carried_s);
+            assert!(position_ned_m.minus(carried_ned_m).norm() < 1e-5, "{age_us} {position_ned_m:?}");
+            let rest_ahead_m = rest_ned_m.minus(position_ned_m).dot(velocity_ned_mps.horizontal());
+            assert!(rest_ahead_m > 0.3, "{age_us} {rest_ahead_m}");
+        }
+    }
 }

@@ -94,7 +94,7 @@ pub const TABLE: &[Param] = &[
     real("FH_SRCH_R", "m", 15.0, [1.0, 200.0], Parts(|c| Some(c.planner.explore?.radius_m), parts::set_search),
         "Largest distance from the start of a search; beyond 15 m the map of the search gets coarser."),
     // Time limits.
-    real("FH_POS_AGE", "s", 0.3, [0.02, 5.0], Value(|c| &mut c.mission.position_age_max_s),
+    real("FH_POS_AGE", "s", 0.3, [0.02, 0.5], Value(|c| &mut c.mission.position_age_max_s),
         "It holds when the position is older than this."),
     real("FH_ATT_AGE", "s", 0.2, [0.02, 5.0], Value(|c| &mut c.mission.attitude_age_max_s),
         "It holds when the attitude is older than this."),
