@@ -99,7 +99,7 @@ fn guarded(draw: &mut Draw<'_>) -> Reached {
         match draw.below(8) {
             0 => {
                 let pose = Pose { position_ned_m: place(draw), yaw_rad: not_absurd(draw.any(-4.0, 4.0)) };
-                guard.note_scan(&mut state, &scan(draw, Instant(0)), &pose);
+                guard.note_scan(&mut state, &scan(draw, Instant(0)), &pose, false);
             }
             1 => {
                 let obstacles: Vec<_> = circles(draw).iter().map(|circle| guard.obstacle(circle)).collect();

@@ -137,7 +137,8 @@ impl<const N: usize> Guidance<N> {
             self.guard.note_circles(&mut state.control.guard, &state.surroundings.near, &pose);
         }
         if let (Some(scan), Some(Ok(pose))) = (&scan, seen) {
-            self.guard.note_scan(&mut state.control.guard, scan, &pose);
+            let loses_rays = state.surroundings.lost_rays.are_many();
+            self.guard.note_scan(&mut state.control.guard, scan, &pose, loses_rays);
         }
     }
 

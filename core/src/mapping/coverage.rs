@@ -269,8 +269,8 @@ impl Surveyor {
         self.config.smallest_obstacle_m
     }
 
-    /// Processes a scan.
-    pub fn note_scan(&self, coverage: &mut Coverage, scan: &Scan, pose: &Pose) {
+    /// Processes a scan. With `loses_rays`, what a ray beside a hit sees through may be an obstacle.
+    pub fn note_scan(&self, coverage: &mut Coverage, scan: &Scan, pose: &Pose, loses_rays: bool) {
         if !scan.is_plausible() {
             return;
         }
@@ -281,6 +281,9 @@ impl Surveyor {
         latest.closes = sectors.turn().is_some();
         latest.range_m = scan.range_max_m;
         latest.ranges.take(scan);
+        if loses_rays {
+            latest.ranges.close_gaps(usize::from(latest.rays), latest.closes);
+        }
         coverage.latest.origin_ned_m = pose.position_ned_m;
         self.draw(coverage);
     }
@@ -480,12 +483,38 @@ mod tests {
     }
 
     #[test]
+    fn a_ray_lost_on_a_wall_shows_nothing_behind_it() {
+        let (surveyor, mut coverage) = (surveyor(), Coverage::default());
+        let mut rng = crate::base::rng::Rng::new(31, 0);
+        for _ in 0..40 {
+            let sectors = core::array::from_fn(|k| match k {
+                0..36 => Sector::Clear,
+                _ if rng.uniform() < 0.1 => Sector::Clear,
+                _ => Sector::Hit(0.8),
+            });
+            surveyor.note_scan(&mut coverage, &scan(sectors), &pose(0.0, 0.0, 0.0), true);
+            for tenth_deg in -420..420 {
+                let azimuth_deg = 0.1 * tenth_deg as f32;
+                for distance_m in [1.0, 1.3, 2.0] {
+                    let place = Horizontal::from_bearing(azimuth_deg.to_radians()).times(distance_m);
+                    let cover = surveyor.cover(&coverage, place);
+                    if azimuth_deg < -8.0 {
+                        assert_eq!(cover, Cover::Seen, "{azimuth_deg} {distance_m}");
+                    } else if azimuth_deg > 4.0 {
+                        assert_ne!(cover, Cover::Seen, "{azimuth_deg} {distance_m}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
     fn the_view_is_seen_its_shadows_are_hidden_and_the_rest_is_unseen() {
         let (surveyor, mut coverage) = (surveyor(), Coverage::default());
         assert!(!coverage.has_scanned());
         // A wall on the right half, one metre away.
         let sectors = core::array::from_fn(|k| if k < 36 { Sector::Clear } else { Sector::Hit(1.0) });
-        surveyor.note_scan(&mut coverage, &scan(sectors), &pose(20.0, -7.0, 0.3));
+        surveyor.note_scan(&mut coverage, &scan(sectors), &pose(20.0, -7.0, 0.3), false);
         assert!(coverage.has_scanned());
         let cover = |azimuth_deg: f32, distance_m: f32| {
             let place = Horizontal::from_bearing(0.3 + azimuth_deg.to_radians()).times(distance_m);
@@ -511,7 +540,7 @@ mod tests {
         for _ in 0..300 {
             let mut coverage = Coverage::default();
             let here = pose(10.0 * rng.uniform(), 10.0 * rng.uniform(), 6.0 * rng.uniform());
-            surveyor.note_scan(&mut coverage, &scan([Sector::Clear; SECTORS_MAX]), &here);
+            surveyor.note_scan(&mut coverage, &scan([Sector::Clear; SECTORS_MAX]), &here, false);
             for _ in 0..100 {
                 let azimuth = core::f32::consts::TAU * rng.uniform() - core::f32::consts::PI;
                 let distance = 0.25 + 1.2 * rng.uniform();
@@ -547,8 +576,8 @@ mod tests {
     fn what_was_seen_is_remembered_while_it_is_near_and_forgotten_far_away() {
         let (surveyor, mut coverage) = (surveyor(), Coverage::default());
         let clear = scan([Sector::Clear; SECTORS_MAX]);
-        surveyor.note_scan(&mut coverage, &clear, &pose(0.0, 0.0, 0.0));
-        surveyor.note_scan(&mut coverage, &clear, &pose(0.0, 0.0, 3.0));
+        surveyor.note_scan(&mut coverage, &clear, &pose(0.0, 0.0, 0.0), false);
+        surveyor.note_scan(&mut coverage, &clear, &pose(0.0, 0.0, 3.0), false);
         assert_eq!(surveyor.cover(&coverage, at(0.8, 0.1)), Cover::Seen);
         // To the south and west and back: cells that were scrolled out are unseen again, and none wraps around.
         for step in 0..=60 {
@@ -571,7 +600,7 @@ mod tests {
             [(-15.0, Cover::Seen), (-14.8, Cover::Seen), (-14.4, Cover::Unseen), (-2.0, Cover::Unseen)]
         {
             coverage.level(Some(-15.0));
-            surveyor.note_scan(&mut coverage, &clear, &pose(0.0, 0.0, 0.0));
+            surveyor.note_scan(&mut coverage, &clear, &pose(0.0, 0.0, 0.0), false);
             coverage.level(Some(down_m));
             coverage.level(None);
             assert_eq!(cover(&coverage), [expected; 2], "{down_m}");
@@ -612,7 +641,7 @@ mod tests {
             for east in wild {
                 let mut absurd = scan([Sector::Hit(north); SECTORS_MAX]);
                 absurd.first_azimuth_rad = east;
-                surveyor.note_scan(&mut coverage, &absurd, &pose(north, east, north));
+                surveyor.note_scan(&mut coverage, &absurd, &pose(north, east, north), false);
                 let circle = Neighbour { center_ned_m: at(north, east), reach_m: east, ..Neighbour::default() };
                 surveyor.note_circles(&mut coverage, &[circle], 0.15, &pose(east, 0.0, 0.0));
                 surveyor.stand(&mut coverage, at(north, east), 0.15);

@@ -184,7 +184,7 @@ mod tests {
             let guard =
                 Config { margin_m, ..Config::default() }.build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap();
             let mut state = State::default();
-            guard.note_scan(&mut state, &clear_scan(), &Pose::default());
+            guard.note_scan(&mut state, &clear_scan(), &Pose::default(), false);
             let pillar =
                 Neighbour { center_ned_m: Horizontal { north: 0.9, east: 0.0 }, reach_m: 0.3, ..Neighbour::default() };
             let mut at = Horizontal::default();

@@ -232,9 +232,9 @@ impl Guard {
         })
     }
 
-    /// Adds a scan to the coverage.
-    pub fn note_scan(&self, state: &mut State, scan: &Scan, pose: &Pose) {
-        self.surveyor.note_scan(&mut state.coverage, scan, pose);
+    /// Adds a scan to the coverage; `loses_rays` if its sensor does.
+    pub fn note_scan(&self, state: &mut State, scan: &Scan, pose: &Pose, loses_rays: bool) {
+        self.surveyor.note_scan(&mut state.coverage, scan, pose, loses_rays);
     }
 
     /// Adds circles delivered by a sensor to the coverage; `obstacles` are all that are known near the vehicle.

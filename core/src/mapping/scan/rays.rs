@@ -7,6 +7,8 @@ const UNKNOWN: u16 = u16::MAX;
 const CLEAR: u16 = u16::MAX - 1;
 /// Marks a measurement that is impossible; it is refused where it is read.
 const ABSURD: u16 = 0;
+/// So many sectors beside a clear one tell whether its ray may have been lost.
+const BESIDE: usize = 2;
 
 /// Range of each ray of a scan, to the millimetre.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -234,6 +236,22 @@ impl<const SECTORS: usize> Ranges<SECTORS> {
                 Sector::Clear => self.put(index, CLEAR),
                 Sector::Hit(range_m) if range_m > 0.0 && range_m <= scan.range_max_m => self.set_m(index, range_m),
                 _ => self.put(index, UNKNOWN),
+            }
+        }
+    }
+
+    /// Of a sensor that loses rays: a clear sector reaches no farther than the nearest hit of the [`BESIDE`] sectors on each side, of
+    /// `count` that may close to a turn; at an end those on the other side stand in.
+    #[inline(never)]
+    pub fn close_gaps(&mut self, count: usize, closes: bool) {
+        let measured = self.0;
+        let Some(measured) = measured.get(..count) else { return };
+        let last = count.saturating_sub(2 * BESIDE + 1);
+        for (index, range) in self.0.iter_mut().enumerate().take(count).filter(|(_, range)| **range == CLEAR) {
+            let first = if closes { index + count - BESIDE.min(count) } else { index.saturating_sub(BESIDE).min(last) };
+            for neighbour in first..=first + 2 * BESIDE {
+                let hit = measured.get(if closes { neighbour.checked_rem(count).unwrap_or(0) } else { neighbour });
+                *range = hit.map_or(*range, |hit| *hit.min(range));
             }
         }
     }
