@@ -13,8 +13,8 @@
 //!    candidate and no other is better by 2 m. Candidates that the fill does not reach come last, but are not given up:
 //!    a door can be narrower than the grid resolves.
 //!
-//! A target that the caller reports as [`State::blocked`], or that comes no nearer for 20 s, is not tried again. So every
-//! search ends: when no candidates are left ([`Explored::Exhausted`]), by time ([`Explored::TimedOut`]), or by
+//! A target that the caller reports as [`State::blocked`], or that comes no nearer in 20 s of search, is not tried again. So
+//! every search ends: when no candidates are left ([`Explored::Exhausted`]), by time ([`Explored::TimedOut`]), or by
 //! [`State::end`] when the signal returns.
 //!
 //! The state takes 312 bytes, a step 0.8 KB of stack. The cost of a step depends on the number of cells seen for the
@@ -42,8 +42,10 @@ const SHADE_M: f32 = 0.2;
 const TURN_M_PER_RAD: f32 = 0.5;
 /// Another target must be better by this to replace the present one.
 const STICK_M: f32 = 2.0;
-/// A target that comes no nearer for this long is blocked.
-const PATIENCE_S: f32 = 20.0;
+/// A target that comes no nearer, by this, in so long a time is blocked. A pause between two steps counts as [`STEP_MAX_MS`].
+const NEARER_M: f32 = 0.25;
+const PATIENCE_MS: u32 = 20_000;
+const STEP_MAX_MS: u32 = 1_500;
 
 /// How to search.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -119,9 +121,11 @@ struct Began {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Target {
     cell: Cell,
-    /// The vehicle's smallest distance from it so far, and since when.
+    /// The vehicle's smallest distance from it so far, and the time of search since.
     nearest_m: f32,
-    since: Instant,
+    since_ms: u32,
+    /// When that was last added to.
+    at_ms: u32,
 }
 
 /// Result of a step of the search.
@@ -220,7 +224,8 @@ impl Explorer {
         }
         let discs = discs.filter(|disc| disc.is_plausible());
         Self::look(state, &grid, pose, sensor, discs.clone());
-        Self::lose_patience(state, &grid, now, here);
+        let now_ms = (now.0 / 1000) as u32;
+        Self::lose_patience(state, &grid, now_ms, here);
         // Moving obstacles will have moved on.
         let standing = discs.filter(|disc| !disc.moves);
         let passages = self.passages(&grid, standing);
@@ -230,7 +235,7 @@ impl Explorer {
             return Explored::Exhausted;
         };
         if state.target.is_none_or(|target| target.cell != cell) {
-            state.target = Some(Target { cell, nearest_m: f32::INFINITY, since: now });
+            state.target = Some(Target { cell, nearest_m: f32::INFINITY, since_ms: 0, at_ms: now_ms });
             state.is_connected = false;
         }
         state.is_connected |= is_connected;
@@ -276,12 +281,14 @@ impl Explorer {
     }
 
     /// Gives up a target when the vehicle does not come nearer to it.
-    fn lose_patience(state: &mut State, grid: &Grid, now: Instant, here: Horizontal) {
+    fn lose_patience(state: &mut State, grid: &Grid, now_ms: u32, here: Horizontal) {
         let Some(target) = &mut state.target else { return };
+        target.since_ms += now_ms.wrapping_sub(target.at_ms).min(STEP_MAX_MS);
+        target.at_ms = now_ms;
         let away_m = grid.place_of(target.cell).minus(here).norm();
-        if away_m < target.nearest_m - 0.25 * grid.cell_m {
-            (target.nearest_m, target.since) = (away_m, now);
-        } else if now.seconds_since(target.since) > PATIENCE_S {
+        if away_m < target.nearest_m - NEARER_M {
+            (target.nearest_m, target.since_ms) = (away_m, 0);
+        } else if target.since_ms > PATIENCE_MS {
             state.blocked();
         }
     }

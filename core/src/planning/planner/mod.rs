@@ -388,7 +388,8 @@ impl Planner {
         match explorer.step(&mut workspace.explore, search.now, &search.pose, &self.sensor, known.iter()) {
             Explored::Target(place_ned_m) => {
                 let plan = mppi::plan(self, workspace, (request, known), Some(place_ned_m));
-                if plan.verdict == Verdict::Brake {
+                // What shuts the vehicle in, people or a margin in gusts, says nothing about the target.
+                if plan.verdict == Verdict::Brake && !workspace.memory.is_shut_in(request.start_ned_m) {
                     workspace.explore.blocked();
                 }
                 Plan { search: Some(Searched::On), ..plan }

@@ -69,6 +69,8 @@ const FAR_EVERY: u16 = 4;
 const BENDS_MAX: u8 = 6;
 /// Largest distance between two neighbouring places of the path found.
 const PATH_STEP_M: f32 = 1.0;
+/// A vehicle that can get no farther than this in any of eight directions is shut in.
+const SHUT_IN_M: f32 = 0.5;
 /// A path with less than this left has ended.
 const PATH_MIN_M: f32 = 0.6;
 /// Replans without progress, about a minute's, after which no new path is searched and only a path to the source from
@@ -162,6 +164,15 @@ impl Memory {
         let Self { window: _, path, progress, sought_ned_m, spent_on_source } = self;
         path.clear();
         (*progress, *sought_ned_m, *spent_on_source) = (Progress::NONE, None, 0);
+    }
+
+    /// Whether the last plan found no way out of the closest surroundings.
+    pub(super) fn is_shut_in(&self, start: Horizontal) -> bool {
+        let is_reached = |eighth: u8| {
+            let direction = Horizontal::from_bearing(f32::from(eighth) * core::f32::consts::FRAC_PI_4);
+            self.window.arrival_m(start.plus(direction.times(SHUT_IN_M))).is_some()
+        };
+        !(0..8).any(is_reached)
     }
 
     /// Forgets the way to the last place where this is another: the next one of a search, or the source after it, for which

@@ -249,6 +249,35 @@ fn what_was_spent_on_a_search_or_before_the_beginning_does_not_count() {
 }
 
 #[test]
+fn whoever_shuts_the_vehicle_in_for_a_while_does_not_end_its_search() {
+    let explore = Some(explore::Config::default());
+    let planner = Config { explore, ..Config::default() }
+        .build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT)
+        .unwrap();
+    let ring = |count: u8, away_m: f32, radius_m: f32, moves: bool| -> Discs {
+        let place = |k: u8| Horizontal::from_bearing(f32::from(k) * core::f32::consts::TAU / f32::from(count));
+        let disc = |k| Disc { center_ned_m: place(k).times(away_m), radius_m, moves, ..Disc::default() };
+        (0..count).map(disc).collect()
+    };
+    // Pillars with gaps of 0.8 m in gusts, and people who stand around it.
+    let (pillars, people) = (ring(8, 1.44, 0.15, false), ring(12, 0.62, 0.25, true));
+    for (radius_m, moves, gust_margin_m) in [(0.15, false, 1.0), (0.25, true, 0.0)] {
+        let (ring, mut workspace) = (if moves { &people } else { &pillars }, Workspace::default());
+        let plans = (1..80_u32).map(|id| {
+            let search = Some(Search { now: Instant(1_000_000 + 600_000 * u64::from(id)), pose: Pose::default() });
+            let is_shut_in = (3..40).contains(&id);
+            let gust_margin_m = if is_shut_in { gust_margin_m } else { 0.0 };
+            let request = PlanRequest { id, begins: id == 1, gust_margin_m, search, ..PlanRequest::default() };
+            planner.plan(&mut workspace, &request, if is_shut_in || !moves { ring } else { &[] })
+        });
+        let plans: std::vec::Vec<Plan> = plans.collect();
+        assert!(plans.iter().all(|plan| plan.search == Some(Searched::On)), "{radius_m}");
+        assert_eq!(plans[5].verdict, Verdict::Brake, "{radius_m}");
+        assert_eq!(plans[60].verdict, Verdict::Follow, "{radius_m}");
+    }
+}
+
+#[test]
 fn no_bent_path_leads_out_of_the_fence_either() {
     let fence = Fence { radius_m: 5.0, ..Fence::DEFAULT };
     let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &fence).unwrap();
