@@ -28,6 +28,7 @@
 //! running. Cost: at most 11 000 instructions among 64 obstacles (bench row `guard_64`).
 
 use crate::base::config::Vehicle;
+use crate::base::math::sqrt;
 use crate::base::ned::{Horizontal, Ned};
 use crate::base::obstacle::{Circle, Neighbour};
 use crate::base::pose::Pose;
@@ -411,9 +412,13 @@ impl Guard {
                 top_m = between(held_m - c.altitude_band_m, c.down_min_m, c.down_max_m - 0.1);
                 bottom_m = between(held_m + c.altitude_band_m, top_m + 0.1, c.down_max_m);
             }
-            let up = between(ALTITUDE_RATE_PER_S * (top_m - down_m), -c.v_down_max_mps, c.v_down_max_mps);
-            let down = between(ALTITUDE_RATE_PER_S * (bottom_m - down_m), -c.v_down_max_mps, c.v_down_max_mps);
-            wanted_mps = between(wanted_mps, up, down);
+            let towards_mps = |limit_m: f32| {
+                let way_m = limit_m - down_m;
+                let stops_mps = sqrt(1.4 * c.a_max_mps2 * libm::fabsf(way_m));
+                let most_mps = if stops_mps < c.v_down_max_mps { stops_mps } else { c.v_down_max_mps };
+                between(ALTITUDE_RATE_PER_S * way_m, -most_mps, most_mps)
+            };
+            wanted_mps = between(wanted_mps, towards_mps(top_m), towards_mps(bottom_m));
         }
         let most = c.a_max_mps2 * dt_s;
         last_mps + between(wanted_mps - last_mps, -most, most)

@@ -497,8 +497,10 @@ fn the_fence_is_never_left_and_from_outside_it_comes_back() {
 
 #[test]
 fn the_altitude_stays_in_its_band_and_inside_the_limits() {
-    for (held_m, lowest_m, highest_m) in [(-5.0, -3.0, -7.0), (-2.5, -1.0, -4.5), (-29.0, -27.0, -30.0)] {
-        let guard = guard_of(&Config { down_min_m: -30.0, down_max_m: -1.0, ..Config::default() });
+    for (held_m, lowest_m, highest_m, a_max_mps2) in
+        [(-5.0, -3.0, -7.0, 2.0), (-2.5, -1.0, -4.5, 2.0), (-29.0, -27.0, -30.0, 2.0), (-5.0, -3.0, -7.0, 0.1)]
+    {
+        let guard = guard_of(&Config { down_min_m: -30.0, down_max_m: -1.0, a_max_mps2, ..Config::default() });
         for wish in [5.0, -5.0] {
             let (mut state, mut down_m, mut speed_mps) = (State::default(), held_m, 0.0_f32);
             for _ in 0..3000 {
