@@ -4,6 +4,8 @@ use super::near::NEAR_M;
 use super::{Guidance, mission, turning};
 use crate::base::config::{RangeSensor, Vehicle};
 use crate::base::error::{ConfigError, Why, check};
+use crate::base::units::between;
+use crate::control::track::FASTEST_MPS;
 use crate::control::{evade, guard, vehicle_model, wind};
 use crate::doa::{array, bearing, radio};
 use crate::landing;
@@ -111,7 +113,7 @@ impl Config {
     pub fn build<const N: usize>(&self) -> Result<Guidance<N>, ConfigError> {
         check("tick_s", self.tick_s, 0.005, 0.1)?;
         check("replan_at_waypoint", f32::from(self.replan_at_waypoint), 1.0, WAYPOINTS as f32)?;
-        check("replan_after_s", self.replan_after_s, 0.1, 60.0)?;
+        check("replan_after_s", self.replan_after_s, 0.3, 60.0)?;
         if let Some(lidar) = &self.lidar {
             lidar.check()?;
         }
@@ -129,9 +131,14 @@ impl Config {
         let guard = self.guard.build(&self.vehicle, &self.sensor)?;
         self.sensor.check_beyond(self.vehicle.radius_m)?;
         self.sensor.check_beside(self.vehicle.radius_m, self.guard.coverage.smallest_obstacle_m)?;
-        if self.guard.v_max_mps * self.mission.stall_s < 2.0 * self.mission.stall_radius_m {
+        // From rest, and no faster than it follows a path.
+        let v_mps = if self.guard.v_max_mps < FASTEST_MPS { self.guard.v_max_mps } else { FASTEST_MPS };
+        let moves_s = self.mission.stall_s - vehicle_model.delay_s();
+        let speeds_up_s = between(v_mps / self.guard.a_max_mps2, 0.0, moves_s);
+        let moves_m = 0.5 * self.guard.a_max_mps2 * speeds_up_s * speeds_up_s + v_mps * (moves_s - speeds_up_s);
+        if moves_m < 2.0 * self.mission.stall_radius_m {
             let why =
-                Why::Inconsistent("too slow to move by the stall radius in half of the stall time: it would give up");
+                Why::Inconsistent("too slow to move by twice the stall radius in the stall time: it would give up");
             return Err(ConfigError { field: "guard.v_max_mps", value: self.guard.v_max_mps, why });
         }
         let stop_m = guard.stop_m(vehicle_model.delay_s());

@@ -163,7 +163,7 @@ pub(super) fn guidance_config(draw: &mut Draw<'_>) -> guidance::Config {
         sensor: sensor(draw),
         tick_s: draw.field(usual.tick_s, 0.005, 0.1),
         replan_at_waypoint: if draw.flag() { usual.replan_at_waypoint } else { draw.below(17) },
-        replan_after_s: draw.field(usual.replan_after_s, 0.1, 5.0),
+        replan_after_s: draw.field(usual.replan_after_s, 0.3, 5.0),
         planner: planner_config(draw),
         guard: guard_config(draw),
         ..usual

@@ -32,7 +32,7 @@ const TOGETHER: [(&str, &str, &[&str]); 17] = [
     ("vehicle_model.dead_time_s", "FH_DEAD_TIME", &[]),
     ("vehicle.radius_m", "FH_RADIUS", &["FH_OBS_MIN", "FH_OBS_FOV"]),
     ("planner.margin_m", "FH_MARGIN", &[]),
-    ("guard.v_max_mps", "FH_SPD_MAX", &["FH_STALL_T", "FH_STALL_R"]),
+    ("guard.v_max_mps", "FH_SPD_MAX", &["FH_ACC_MAX", "FH_STALL_T", "FH_STALL_R"]),
     ("sensor.range_m", "FH_OBS_RANGE", &["FH_RADIUS"]),
 ];
 

@@ -81,7 +81,7 @@ pub const TABLE: &[Param] = &[
     // Planning and search.
     real("FH_TGT_DIST", "m", 2.0, [0.5, 20.0], Value(|c| &mut c.goal.target_distance_m),
         "Distance of the temporary target along the bearing."),
-    real("FH_RPL_TIME", "s", 0.7, [0.1, 60.0], Value(|c| &mut c.replan_after_s),
+    real("FH_RPL_TIME", "s", 0.7, [0.3, 60.0], Value(|c| &mut c.replan_after_s),
         "A new plan is requested after this long at the latest."),
     whole("FH_RPL_WPT", 5.0, [1.0, 15.0], Parts(|c| Some(f32::from(c.replan_at_waypoint)), parts::set_rpl_wpt),
         "A new plan is requested when this many of its 15 waypoints are passed."),

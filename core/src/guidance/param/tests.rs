@@ -99,7 +99,7 @@ fn company(id: Id, value: f32) -> Vec<(Id, f32)> {
         "FH_SPD_MAX" => &[("FH_STALL_T", 100.0)],
         "FH_RADIUS" => &[("FH_OBS_RANGE", 6.0), ("FH_OBS_FOV", 360.0)],
         "FH_OBS_RANGE" => &[("FH_RADIUS", if value > 0.5 { 0.15 } else { 0.0 })],
-        "FH_STALL_T" => &[("FH_STALL_R", 0.5)],
+        "FH_STALL_T" => &[("FH_STALL_R", 0.1)],
         "FH_STALL_R" => &[("FH_STALL_T", 600.0)],
         "FH_SRCH_R" => &[("FH_SRCH_TIME", 60.0)],
         "FH_WAVELEN" => &[("FH_ARR_SIDE", 0.4 * value)],
@@ -241,6 +241,17 @@ fn values_that_do_not_fit_together_are_seen_by_the_build_and_named() {
         let mut values = Values::DEFAULT;
         values.set(id, value).unwrap();
         assert_eq!(applied(&values).build::<256>().unwrap_err().field, field);
+    }
+    // A path is followed by no more than 1.27 m/s, and with little acceleration that takes its time.
+    for (first, second, third) in [
+        (("FH_SPD_MAX", 4.0), ("FH_STALL_T", 5.0), ("FH_STALL_R", 9.0)),
+        (("FH_ACC_MAX", 0.1), ("FH_STALL_T", 4.0), ("FH_STALL_R", 1.0)),
+    ] {
+        let mut values = Values::DEFAULT;
+        for (name, value) in [first, second, third] {
+            values.set(named(name), value).unwrap();
+        }
+        assert_eq!(applied(&values).build::<256>().unwrap_err().field, "guard.v_max_mps");
     }
     let mut values = Values::DEFAULT;
     values.set(named("FH_TURN"), 1.0).unwrap();
