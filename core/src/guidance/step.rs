@@ -50,7 +50,6 @@ impl<const N: usize> Guidance<N> {
         let situation = self.situation(state, input.now);
         let mut decision = self.decide(state, input, &situation);
         let Command { setpoint, guard, plan_requested } = self.act(state, input, &situation, &mut decision);
-        state.arrival.is_blocked = guard == guard::Action::Braked;
         self.vehicle_model.command(&mut state.vehicle.model, setpoint.velocity_ned_mps.horizontal());
         note(&mut state.trace, bearing.as_ref(), &setpoint);
 
@@ -120,6 +119,7 @@ impl<const N: usize> Guidance<N> {
         situation: &GuardInput,
         decision: &mut Decision<'_>,
     ) -> Command {
+        state.arrival.is_blocked = false;
         match decision.outcome.behaviour() {
             Behaviour::None => {
                 self.let_go(state);
@@ -153,8 +153,9 @@ impl<const N: usize> Guidance<N> {
                 if let Some(advice) = &mut state.arrival.advice {
                     advice.wants_land = false;
                 }
-                let (setpoint, _) = self.command(state, &demand, &GuardInput { down_m, is_lost, ..*situation }, knows);
-                Command { setpoint, ..Command::default() }
+                let situation = GuardInput { down_m, is_lost, ..*situation };
+                let (setpoint, guard) = self.command(state, &demand, &situation, knows);
+                Command { setpoint, guard, plan_requested: false }
             }
             Behaviour::Hold | Behaviour::Follow => self.follow(state, input, situation, decision),
         }
@@ -172,11 +173,12 @@ impl<const N: usize> Guidance<N> {
         if has_landed(state) {
             // On the ground nothing is kept away from and nothing looked at: it would tip over.
             state.surroundings.near.clear();
-            let (Setpoint { velocity_ned_mps, .. }, _) = self.command(state, &demand, situation, false);
+            let (Setpoint { velocity_ned_mps, .. }, guard) = self.command(state, &demand, situation, false);
             state.control.look_ned_rad = None;
             decision.outcome = Outcome::Landed;
             let velocity_ned_mps = Ned { down: velocity_ned_mps.down, ..Ned::default() };
-            return Command { setpoint: Setpoint { velocity_ned_mps, yaw_rate_radps: 0.0 }, ..Command::default() };
+            let setpoint = Setpoint { velocity_ned_mps, yaw_rate_radps: 0.0 };
+            return Command { setpoint, guard, plan_requested: false };
         }
         if let Some(look_ned_rad) = state.control.look_ned_rad {
             demand.yaw_rate_radps = track::turn_to(look_ned_rad, situation.yaw_rad);
@@ -185,6 +187,7 @@ impl<const N: usize> Guidance<N> {
         let stage = state.arrival.advice.map(|advice| advice.stage);
         let evades = !matches!(stage, Some(landing::Stage::Descending | landing::Stage::Committed));
         let (setpoint, guard) = self.command(state, &demand, situation, evades);
+        state.arrival.is_blocked = guard == guard::Action::Braked;
         let progress = match guard {
             _ if !demand.velocity_ned_mps.is_finite() => Progress::NotFinite,
             guard::Action::Braked => Progress::GuardBraked,
@@ -209,6 +212,7 @@ impl<const N: usize> Guidance<N> {
         let demanded = demand.unwrap_or_default();
         let demanded = decision.turning.map_or(demanded, |turning| turning.turn(demanded));
         let (setpoint, guard) = self.command(state, &demanded, situation, true);
+        state.arrival.is_blocked = guard == guard::Action::Braked;
         let progress = progress(state, demand, guard);
         let concluded = decision.mission.conclude(&mut state.mission, input.now, progress);
         if !state.plans.is_searching {

@@ -405,6 +405,17 @@ fn a_lost_bearing_brakes_within_the_acceleration_limit_and_holds() {
 }
 
 #[test]
+fn what_the_guard_does_while_the_vehicle_holds_is_told() {
+    // A pillar nearer than the margin, and no signal.
+    let mut flight = Flight::new(&[(0.33, 0.0, 0.2)], (10.0, 0.0));
+    let report = flight.run(2.0, |_, input| input.front_end = FrontEnd::Nothing);
+    let counts = report.outputs.last().unwrap().guard_counts;
+    let told = |action| report.outputs.iter().filter(|output| output.guard == action).count();
+    assert!(counts.limited > 0, "{counts:?}");
+    assert_eq!(told(guard::Action::Limited), counts.limited as usize, "{counts:?}");
+}
+
+#[test]
 fn in_a_crowd_the_fast_loop_heeds_the_nearest_obstacles_and_otherwise_all_that_are_near() {
     let guidance = Config::default().build::<64>().unwrap();
     let mut rng = Rng::new(6, 0);
