@@ -8,7 +8,7 @@
 //! ```
 //!
 //! The rest point follows a command at once. The planner plans for it, the tracker steers it and the guard keeps it
-//! clear; the vehicle follows it, and never leaves the rest point's track.
+//! clear, and the straight line to it; the vehicle follows it, and cuts its curves by no more than that line.
 
 use heapless::Deque;
 
@@ -47,7 +47,7 @@ impl Config {
     /// The field that is out of range; a dead time of more steps than can be stored.
     pub fn build(&self, tick_s: f32) -> Result<VehicleModel, ConfigError> {
         check("vehicle_model.dead_time_s", self.dead_time_s, 0.0, tick_s * PENDING_MAX as f32)?;
-        check("vehicle_model.lag_s", self.lag_s, 0.0, 5.0)?;
+        check("vehicle_model.lag_s", self.lag_s, 0.0, 2.0)?;
         // A command takes effect after the step that gives it.
         let steps = (libm::roundf(self.dead_time_s / tick_s) as usize).clamp(1, PENDING_MAX);
         Ok(VehicleModel { lag_s: self.lag_s, pending: steps, tick_s })

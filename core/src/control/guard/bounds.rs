@@ -14,7 +14,7 @@ pub const CLOSE_MAX: usize = 18;
 /// How often its speed is halved for that at least, and until it is no faster than this; if there are still too many it
 /// brakes.
 const HALVED_MIN: u8 = 3;
-const SLOWEST_MPS: f32 = 0.125;
+const SLOWEST_MPS: f32 = 0.0625;
 /// Enough for any speed that is allowed.
 const HALVED_MAX: u8 = 8;
 /// Largest speed of moving away from a standing obstacle that is too close.

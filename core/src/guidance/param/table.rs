@@ -42,7 +42,7 @@ pub const TABLE: &[Param] = &[
         "Largest yaw rate."),
     real("FH_DEAD_TIME", "s", 0.08, [0.0, 1.12], Value(|c| &mut c.vehicle_model.dead_time_s),
         "Time from a setpoint to the vehicle's first motion."),
-    real("FH_LAG", "s", 0.45, [0.0, 5.0], Value(|c| &mut c.vehicle_model.lag_s),
+    real("FH_LAG", "s", 0.45, [0.0, 2.0], Value(|c| &mut c.vehicle_model.lag_s),
         "Time constant of the vehicle's velocity after that."),
     // Distances to keep.
     real("FH_RADIUS", "m", 0.15, [0.0, 5.0], Value(|c| &mut c.vehicle.radius_m),
