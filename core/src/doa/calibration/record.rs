@@ -88,6 +88,11 @@ impl Calibration {
             sine_rad: [(); ORDER].map(|()| float()),
             sigma_rad: float(),
         };
+        let Deviation { constant_rad, cosine_rad, sine_rad, sigma_rad } = &deviation;
+        let mut angles_rad = cosine_rad.iter().chain(sine_rad).chain([constant_rad, sigma_rad]);
+        if angles_rad.any(|angle_rad| !(libm::fabsf(*angle_rad) <= core::f32::consts::PI)) {
+            return None;
+        }
         let table = Table::new(wavelength_m, entries.get(..count)?).ok()?;
         Some(Self { table, deviation })
     }
@@ -163,6 +168,14 @@ mod tests {
             let crc = crc32(&bad[..CRC_AT]);
             bad[CRC_AT..].copy_from_slice(&crc.to_le_bytes());
             assert_eq!(Calibration::decode(&bad), None, "byte {at}");
+        }
+        for constant_rad in [f32::NAN, f32::INFINITY, 4.0] {
+            let deviation = Deviation { constant_rad, ..calibration().deviation };
+            assert_eq!(
+                Calibration::decode(&Calibration { deviation, ..calibration() }.encode()),
+                None,
+                "{constant_rad}"
+            );
         }
     }
 }

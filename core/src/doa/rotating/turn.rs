@@ -59,14 +59,14 @@ impl Turn {
         if self.turned_rad > self.high_rad {
             self.high_rad = self.turned_rad;
         }
-        if self.high_rad - self.low_rad >= TAU {
-            self.restart(time, yaw_rad);
-            return Turned::Full(started);
-        }
         // Time that ran backwards is no rotation either.
         if time < started || time.seconds_since(started) > duration_max_s {
             self.restart(time, yaw_rad);
             return Turned::TooSlow;
+        }
+        if self.high_rad - self.low_rad >= TAU {
+            self.restart(time, yaw_rad);
+            return Turned::Full(started);
         }
         Turned::Partly
     }
@@ -132,5 +132,10 @@ mod tests {
         assert_eq!(turn.step(Instant(0), 0.0, 1.0, 20.0), Turned::Partly);
         assert_eq!(turn.step(Instant(20_100_000), 0.5, 1.0, 20.0), Turned::TooSlow);
         assert_eq!(turn.step(Instant(5), 0.5, 1.0, 20.0), Turned::TooSlow);
+        // Nor does what ends it count as a turn.
+        turn = Turn::new();
+        let almost = (0..62).map(|k| turn.step(Instant(20_000 * k), wrap_pi(0.1 * k as f32), 1.0, 20.0));
+        assert!(almost.into_iter().all(|turned| turned == Turned::Partly));
+        assert_eq!(turn.step(Instant(900_000_000), wrap_pi(6.5), 1.0, 20.0), Turned::TooSlow);
     }
 }

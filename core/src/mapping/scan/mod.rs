@@ -68,6 +68,8 @@ const RADIUS_MAX_M: f32 = 0.65;
 const RADIUS_DOUBT_MAX: f32 = 0.15;
 /// Largest plausible range of a sensor, and distance of a hit.
 const RANGE_MAX_M: f32 = 1e3;
+/// Longest plausible time of a turn.
+const TURN_MAX_S: f32 = 10.0;
 /// Largest range of a ray: it is stored in millimetres, in two bytes.
 pub const RAY_MAX_M: f32 = 65.5;
 
@@ -104,11 +106,12 @@ pub struct Scan {
 }
 
 impl Scan {
-    /// Whether its angles and range are plausible for a sensor.
+    /// Whether its angles, its range and the time of a turn are plausible for a sensor.
     #[must_use]
     pub fn is_plausible(&self) -> bool {
         let width_rad = libm::fabsf(self.step_rad);
         libm::fabsf(self.first_azimuth_rad) <= ANGLE_MAX_RAD
+            && libm::fabsf(self.turn_s) <= TURN_MAX_S
             && (1e-4..=core::f32::consts::TAU * 1.001).contains(&width_rad)
             && self.range_max_m > 0.0
             && self.range_max_m <= RANGE_MAX_M
