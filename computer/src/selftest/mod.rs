@@ -7,14 +7,14 @@
 //!
 //! | check | requirement | usual cause |
 //! |---|---|---|
-//! | [`Check::Frames`] | frames come | converters, timer or DMA do not run |
+//! | [`Check::Frames`] | frames come, at most one in four is missing | converters, timer or DMA do not run |
 //! | [`Check::Frozen`] | no frame repeats the one before | a converter or its DMA has stopped |
 //! | [`Check::Dead`] | samples change; and, once there is a tone, it has at least 1 % of the strongest one's power | wire, amplifier, mixer |
 //! | [`Check::Clipped`] | at most 1 % of the samples at a rail | too loud, bias |
 //! | [`Check::Same`] | no two channels have identical samples in all frames | two inputs on one converter |
 //! | [`Check::Rate`] | frames come at whole multiples of their length, by the clock of the time stamps | sample timer |
 //! | [`Check::Offset`] | the mean is near half scale | bias |
-//! | [`Check::Noise`] | the floor is low, and no channel's stands out | supply, oscillation, a loose shield |
+//! | [`Check::Noise`] | the floor is low, and no channel's is 6 dB above that of the quietest | supply, oscillation, a loose shield |
 //! | [`Check::Tone`] | there is a tone, well above the noise | no tone, or outside its band |
 //! | [`Check::Gain`] | the channels have about equal gain | amplifier, cable, splitter |
 //! | [`Check::Phase`] | the channels' phases are steady | oscillator, a loose connector |
@@ -57,7 +57,8 @@ pub const OFFSET_MAX_CODES: f32 = 100.0;
 pub const CLIPPED_MAX: f32 = 0.01;
 /// Noise, rms.
 const NOISE_MAX_CODES: f32 = 20.0;
-/// Noise above that of the other channels, their median.
+/// Noise above that of the quietest channel, or above this.
+const NOISE_FLOOR_CODES: f32 = 1.0;
 const NOISE_SPREAD_MAX_DB: f32 = 6.0;
 /// Least tone over the noise, per sample.
 const SNR_MIN_DB: f32 = 10.0;

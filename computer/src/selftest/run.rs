@@ -12,8 +12,8 @@ use foxhound_link::companion::{Exam, Tone};
 
 use super::report::{Reading, Report};
 use super::{
-    CLIPPED_MAX, Channels, Check, FRAMES, GAIN_SPREAD_MAX_DB, NOISE_MAX_CODES, NOISE_SPREAD_MAX_DB, OFFSET_MAX_CODES,
-    PHASE_SIGMA_MAX_RAD, RATE_OFF_MAX, SNR_MIN_DB, Verdict,
+    CLIPPED_MAX, Channels, Check, FRAMES, GAIN_SPREAD_MAX_DB, NOISE_FLOOR_CODES, NOISE_MAX_CODES, NOISE_SPREAD_MAX_DB,
+    OFFSET_MAX_CODES, PHASE_SIGMA_MAX_RAD, RATE_OFF_MAX, SNR_MIN_DB, Verdict,
 };
 use crate::SAMPLES_PER_CHANNEL as N;
 
@@ -23,6 +23,8 @@ const FULL_SCALE_CODES: f32 = 2048.0 * core::f32::consts::FRAC_1_SQRT_2;
 const DEAD_POWER_RATIO: f32 = 0.01;
 /// The first frames are not used: the tone has to be found, and the board's own has to rise.
 pub(super) const SETTLING: u16 = 8;
+/// No more than one frame in so many may be missing.
+const MISSED_MAX: u16 = 4;
 /// Frames farther apart than this are not timed.
 const GAP_MAX_US: u64 = 1_000_000;
 /// All pairs of channels, in the order of the bits of `pairs`.
@@ -186,10 +188,11 @@ impl Run {
         if !self.frozen.is_none() {
             return fail(Check::Frozen, self.frozen);
         }
-        if self.frames < FRAMES {
+        if self.frames < FRAMES || MISSED_MAX * self.missed > self.frames {
             return fail(Check::Frames, Channels::NONE);
         }
-        let floor_codes = middle(measured.map(|channel| channel.noise_codes));
+        let [quietest_codes, ..] = sorted(measured.map(|channel| channel.noise_codes));
+        let floor_codes = quietest_codes.max(NOISE_FLOOR_CODES);
         let noise_max_codes = (floor_codes * ratio(NOISE_SPREAD_MAX_DB)).min(NOISE_MAX_CODES);
         found(Check::Dead, self.silent)
             .or_else(|| each(Check::Clipped, &|channel| channel.clipped > CLIPPED_MAX))

@@ -92,3 +92,47 @@ fn whatever_codes_come_it_ends_after_its_frames() {
         assert!(matches!(report.verdict, Verdict::Fail { .. }) && entry.is_none(), "{kind}: {report:?}");
     }
 }
+
+#[test]
+fn channels_that_are_noisy_together_and_every_second_frame_missing_are_found() {
+    let array = array::Config::default().build().unwrap();
+    let extractor = phase::Config::default().build::<N>().unwrap();
+    let noisy = |count: usize, sigma: f32| {
+        let mut sigmas = [1.0; CHANNELS];
+        sigmas[..count].fill(sigma);
+        sigmas
+    };
+    let channels = |count| Channels::which(|m| m < count);
+    for (sigmas, lost, verdict) in [
+        (noisy(0, 1.0), 0, Verdict::Pass),
+        (noisy(1, 6.0), 0, Verdict::Fail { check: Check::Noise, channels: channels(1) }),
+        (noisy(2, 6.0), 0, Verdict::Fail { check: Check::Noise, channels: channels(2) }),
+        (noisy(3, 18.0), 0, Verdict::Fail { check: Check::Noise, channels: channels(3) }),
+        (noisy(0, 1.0), 10, Verdict::Fail { check: Check::Frames, channels: Channels::NONE }),
+        (noisy(0, 1.0), 20, Verdict::Pass),
+    ] {
+        let (mut test, mut state) = (SelfTest::default(), phase::State::default());
+        let mut rng = foxhound_core::base::rng::Rng::new(5, 1);
+        test.begin(Exam::SelfTest(Tone::Splitter)).unwrap();
+        for frame in 0_u64.. {
+            if !test.is_running() {
+                break;
+            }
+            // One of two, or one of eight.
+            if lost == 10 && frame % 2 == 1 || lost == 20 && frame % 8 == 1 {
+                test.miss(None);
+                continue;
+            }
+            let mut snapshot = AdcFrame { time: Instant(frame * 20_000), codes: [[0; N]; CHANNELS] };
+            for (row, sigma) in snapshot.codes.iter_mut().zip(sigmas) {
+                for (n, code) in row.iter_mut().enumerate() {
+                    let turns = 41.0 * n as f32 / N as f32;
+                    *code = (322.0 * (core::f32::consts::TAU * turns).cos() + sigma * rng.gaussian()).round() as i16;
+                }
+            }
+            let phasors = extractor.step(&mut state, &snapshot);
+            test.step(&array, 102_400.0, &snapshot, &phasors);
+        }
+        assert_eq!(test.take_ended().unwrap().0.verdict, verdict, "{sigmas:?} {lost}");
+    }
+}
