@@ -363,7 +363,6 @@ fn DMA2_CHANNEL4() {
     DMA2.ifcr().write(|w| {
         w.set_htif(3, half);
         w.set_tcif(3, full);
-        w.set_gif(3, true);
     });
     if !half && !full {
         // Left over from before a restart.

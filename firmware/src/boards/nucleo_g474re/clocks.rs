@@ -55,6 +55,9 @@ pub(super) fn start() -> (Peripherals, Clock) {
         // It is left on.
         config.rcc.hse = Some(rcc::Hse { freq: Hertz(HSE_HZ), mode: rcc::HseMode::Oscillator });
     }
+    // Nothing here needs the clock for times of day; on the oscillator of the watchdog it could make that too fast after a dip of the
+    // voltage.
+    config.rcc.ls = rcc::LsConfig::off();
     let peripherals = embassy_stm32::init(config);
     raise(clock);
     RCC.cr().modify(|w| w.set_csson(clock == Clock::Crystal));
