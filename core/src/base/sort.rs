@@ -28,6 +28,7 @@ pub fn insert<T: Copy>(items: &mut [T], sorted: usize, key: impl Fn(&T) -> f32) 
 
 /// The value that has `nth` others before it in sorted order, of values none of which is negative; their order is
 /// changed. `None` if there are too few. Hoare's selection, with the middle one of three as the pivot.
+#[inline(never)]
 pub fn nth(values: &mut [f32], nth: usize) -> Option<f32> {
     let (mut left, mut nth) = (values, nth);
     loop {

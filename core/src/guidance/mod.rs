@@ -40,8 +40,7 @@ pub mod turning;
 pub use config::Config;
 pub use state::State;
 
-/// The fast loop uses this many of the nearest obstacles; the planner gets all.
-pub const OBSTACLES_MAX: usize = 64;
+pub use crate::control::guard::OBSTACLES_MAX;
 
 /// Steps from a plan's request to the step in which it takes effect.
 const HANDOVER_TICKS: u32 = 5;

@@ -282,7 +282,7 @@ impl Surveyor {
         latest.range_m = scan.range_max_m;
         latest.ranges.take(scan);
         if loses_rays {
-            latest.ranges.close_gaps(usize::from(latest.rays), latest.closes);
+            latest.ranges.close_gaps(usize::from(latest.rays));
         }
         coverage.latest.origin_ned_m = pose.position_ned_m;
         self.draw(coverage);

@@ -2,7 +2,7 @@
 
 use heapless::Vec;
 
-use super::half_space::{HalfSpace, HalfSpaces, add};
+use super::half_space::{HalfSpace, HalfSpaces};
 use super::{Guard, GuardInput};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
@@ -127,7 +127,8 @@ impl Guard {
             let least_mps = oncoming - self.approach_mps(h, gust_m);
             is_threatened |= least_mps > 0.0 && oncoming > STILL_MPS;
             if least_mps > beyond {
-                add(half_spaces, HalfSpace { outwards, least_mps, oncoming_mps: oncoming });
+                // Cannot fail: no more obstacles are told.
+                let _ = half_spaces.push(HalfSpace { outwards, least_mps, oncoming_mps: oncoming });
             }
         }
         if let Some((inwards, depth_m)) = c.fence.inside(rest) {

@@ -8,9 +8,8 @@ use crate::base::ned::Horizontal;
 const AGREED_MPS: f32 = 1e-4;
 /// The largest number of half-spaces that may determine the answer.
 const DECISIVE_MAX: usize = 12;
-/// The largest number of obstacles that bound the velocity in gusts, where all within the gust margin do, whatever
-/// the speed. Of more, the least demanding are left out.
-const GUSTY_MAX: usize = 64;
+/// The largest number of obstacles that bound the velocity: in gusts all within the gust margin do, whatever the speed.
+const GUSTY_MAX: usize = super::OBSTACLES_MAX;
 /// Halvings of the shortfall when gusts need more space than there is.
 const EVENED_MAX: u8 = 4;
 
@@ -25,19 +24,6 @@ pub(super) struct HalfSpace {
 
 /// Half-spaces of all obstacles and of the fence.
 pub(super) type HalfSpaces = Vec<HalfSpace, { GUSTY_MAX + 1 }>;
-
-/// Adds an obstacle's half-space; if the list is full it replaces the least demanding one.
-pub(super) fn add(half_spaces: &mut HalfSpaces, half_space: HalfSpace) {
-    if half_spaces.len() < GUSTY_MAX {
-        // Cannot fail.
-        let _ = half_spaces.push(half_space);
-        return;
-    }
-    let demands = |one: &&mut HalfSpace, other: &&mut HalfSpace| one.least_mps.total_cmp(&other.least_mps);
-    if let Some(least) = half_spaces.iter_mut().min_by(demands).filter(|least| least.least_mps < half_space.least_mps) {
-        *least = half_space;
-    }
-}
 
 /// When gusts need more space than there is: the same shortfall for all standing obstacles, so that the vehicle keeps
 /// to the middle.

@@ -48,6 +48,9 @@ use bounds::Near;
 pub use config::Config;
 use half_space::{HalfSpaces, evened_out, nearest_allowed};
 
+/// The fast loop uses this many of the nearest obstacles; the planner gets all.
+pub const OBSTACLES_MAX: usize = 64;
+
 /// Largest speed towards places hidden behind an obstacle.
 const HIDDEN_MPS: f32 = 0.4;
 /// Radius of the disc that stands for the fence: large against what the evader foresees, and small enough for its
@@ -243,7 +246,8 @@ impl Guard {
         self.surveyor.note_circles(&mut state.coverage, obstacles, self.vehicle.radius_m, pose);
     }
 
-    /// Passes, limits or replaces one demand. The setpoint is finite and inside the limits for any input.
+    /// Passes, limits or replaces one demand. The setpoint is finite and inside the limits for any input. The obstacles are the
+    /// nearest, [`OBSTACLES_MAX`] at most.
     pub fn step(
         &self,
         state: &mut State,

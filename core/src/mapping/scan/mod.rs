@@ -108,6 +108,7 @@ pub struct Scan {
 impl Scan {
     /// Whether its angles, its range and the time of a turn are plausible for a sensor.
     #[must_use]
+    #[inline(never)]
     pub fn is_plausible(&self) -> bool {
         let width_rad = libm::fabsf(self.step_rad);
         libm::fabsf(self.first_azimuth_rad) <= ANGLE_MAX_RAD

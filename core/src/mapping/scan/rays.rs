@@ -241,18 +241,15 @@ impl<const SECTORS: usize> Ranges<SECTORS> {
     }
 
     /// Of a sensor that loses rays: a clear sector reaches no farther than the nearest hit of the [`BESIDE`] sectors on each side, of
-    /// `count` that may close to a turn; at an end those on the other side stand in.
+    /// the first `count`; at an end those on the other side stand in.
     #[inline(never)]
-    pub fn close_gaps(&mut self, count: usize, closes: bool) {
+    pub fn close_gaps(&mut self, count: usize) {
         let measured = self.0;
-        let Some(measured) = measured.get(..count) else { return };
         let last = count.saturating_sub(2 * BESIDE + 1);
-        for (index, range) in self.0.iter_mut().enumerate().take(count).filter(|(_, range)| **range == CLEAR) {
-            let first = if closes { index + count - BESIDE.min(count) } else { index.saturating_sub(BESIDE).min(last) };
-            for neighbour in first..=first + 2 * BESIDE {
-                let hit = measured.get(if closes { neighbour.checked_rem(count).unwrap_or(0) } else { neighbour });
-                *range = hit.map_or(*range, |hit| *hit.min(range));
-            }
+        for (index, range) in self.0.iter_mut().take(count).enumerate().filter(|(_, range)| **range == CLEAR) {
+            let first = index.saturating_sub(BESIDE).min(last);
+            let beside = measured.get(first..count.min(first + 2 * BESIDE + 1)).unwrap_or_default();
+            *range = beside.iter().fold(CLEAR, |least, hit| least.min(*hit));
         }
     }
 

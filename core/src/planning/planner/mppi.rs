@@ -69,7 +69,7 @@ const FAR_EVERY: u16 = 4;
 const BENDS_MAX: u8 = 6;
 /// Largest distance between two neighbouring places of the path found.
 const PATH_STEP_M: f32 = 1.0;
-/// A vehicle that can get no farther than this in any of eight directions is shut in.
+/// A vehicle that can get nowhere so far north, south, east or west, or there between, is shut in.
 const SHUT_IN_M: f32 = 0.5;
 /// A path with less than this left has ended.
 const PATH_MIN_M: f32 = 0.6;
@@ -167,12 +167,20 @@ impl Memory {
     }
 
     /// Whether the last plan found no way out of the closest surroundings.
+    #[inline(never)]
     pub(super) fn is_shut_in(&self, start: Horizontal) -> bool {
-        let is_reached = |eighth: u8| {
-            let direction = Horizontal::from_bearing(f32::from(eighth) * core::f32::consts::FRAC_PI_4);
-            self.window.arrival_m(start.plus(direction.times(SHUT_IN_M))).is_some()
-        };
-        !(0..8).any(is_reached)
+        let mut off = Horizontal { north: -SHUT_IN_M, east: -SHUT_IN_M };
+        // A loop over eight places would be written out eight times.
+        while off.north <= SHUT_IN_M {
+            if off != Horizontal::default() && self.window.arrival_m(start.plus(off)).is_some() {
+                return false;
+            }
+            off.east += SHUT_IN_M;
+            if off.east > SHUT_IN_M {
+                off = Horizontal { north: off.north + SHUT_IN_M, east: -SHUT_IN_M };
+            }
+        }
+        true
     }
 
     /// Forgets the way to the last place where this is another: the next one of a search, or the source after it, for which
