@@ -133,7 +133,7 @@ impl Config {
         self.sensor.check_beside(self.vehicle.radius_m, self.guard.coverage.smallest_obstacle_m)?;
         // From rest, and no faster than it follows a path.
         let v_mps = if self.guard.v_max_mps < FASTEST_MPS { self.guard.v_max_mps } else { FASTEST_MPS };
-        let moves_s = self.mission.stall_s - vehicle_model.delay_s();
+        let moves_s = (self.mission.stall_s - vehicle_model.delay_s()).max(0.0);
         let speeds_up_s = between(v_mps / self.guard.a_max_mps2, 0.0, moves_s);
         let moves_m = 0.5 * self.guard.a_max_mps2 * speeds_up_s * speeds_up_s + v_mps * (moves_s - speeds_up_s);
         if moves_m < 2.0 * self.mission.stall_radius_m {

@@ -242,10 +242,11 @@ fn values_that_do_not_fit_together_are_seen_by_the_build_and_named() {
         values.set(id, value).unwrap();
         assert_eq!(applied(&values).build::<256>().unwrap_err().field, field);
     }
-    // A path is followed by no more than 1.27 m/s, and with little acceleration that takes its time.
+    // A path is followed by no more than 1.27 m/s, and with little acceleration, or long delays, that takes its time.
     for (first, second, third) in [
         (("FH_SPD_MAX", 4.0), ("FH_STALL_T", 5.0), ("FH_STALL_R", 9.0)),
         (("FH_ACC_MAX", 0.1), ("FH_STALL_T", 4.0), ("FH_STALL_R", 1.0)),
+        (("FH_LAG", 2.0), ("FH_DEAD_TIME", 1.12), ("FH_STALL_T", 1.0)),
     ] {
         let mut values = Values::DEFAULT;
         for (name, value) in [first, second, third] {
