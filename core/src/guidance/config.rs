@@ -136,9 +136,9 @@ impl Config {
         let moves_s = (self.mission.stall_s - vehicle_model.delay_s()).max(0.0);
         let speeds_up_s = between(v_mps / self.guard.a_max_mps2, 0.0, moves_s);
         let moves_m = 0.5 * self.guard.a_max_mps2 * speeds_up_s * speeds_up_s + v_mps * (moves_s - speeds_up_s);
-        if moves_m < 2.0 * self.mission.stall_radius_m {
+        if moves_m < 1.8 * self.mission.stall_radius_m {
             let why =
-                Why::Inconsistent("too slow to move by twice the stall radius in the stall time: it would give up");
+                Why::Inconsistent("too slow to move well beyond the stall radius in the stall time: it would give up");
             return Err(ConfigError { field: "guard.v_max_mps", value: self.guard.v_max_mps, why });
         }
         let stop_m = guard.stop_m(vehicle_model.delay_s());
