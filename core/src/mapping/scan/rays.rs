@@ -240,7 +240,7 @@ impl<const SECTORS: usize> Ranges<SECTORS> {
         }
     }
 
-    /// Of a sensor that loses rays: a clear sector reaches no farther than the nearest hit of the [`BESIDE`] sectors on each side, of
+    /// Of a sensor that loses rays: a clear sector reaches no farther than the nearest hit of the two sectors on each side, of
     /// the first `count`; at an end those on the other side stand in.
     #[inline(never)]
     pub fn close_gaps(&mut self, count: usize) {
