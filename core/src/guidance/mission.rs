@@ -134,7 +134,7 @@ pub enum Control {
 }
 
 /// Oldest position that can be flown by: with an older one the vehicle is too far from where its velocity would lead to.
-pub(super) const POSITION_AGE_MAX_S: f32 = 0.5;
+pub(super) const OLDEST_POSITION_S: f32 = 0.5;
 
 /// The limits of the table above.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -179,7 +179,7 @@ impl Config {
     /// # Errors
     /// The field that is out of range.
     pub fn build(&self) -> Result<Mission, ConfigError> {
-        check("mission.position_age_max_s", self.position_age_max_s, 0.02, POSITION_AGE_MAX_S)?;
+        check("mission.position_age_max_s", self.position_age_max_s, 0.02, OLDEST_POSITION_S)?;
         check("mission.attitude_age_max_s", self.attitude_age_max_s, 0.02, 5.0)?;
         check("mission.obstacles_age_max_s", self.obstacles_age_max_s, 0.05, 10.0)?;
         check("mission.bearing_age_max_s", self.bearing_age_max_s, 0.05, 60.0)?;

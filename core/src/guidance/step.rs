@@ -225,7 +225,7 @@ impl<const N: usize> Guidance<N> {
     fn situation(&self, state: &State<N>, now: Instant) -> GuardInput {
         let ownship = state.vehicle.ownship.unwrap_or_default();
         let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
-        let age_s = between(now.seconds_since(ownship.position_time), 0.0, mission::POSITION_AGE_MAX_S);
+        let age_s = between(now.seconds_since(ownship.position_time), 0.0, mission::OLDEST_POSITION_S);
         let position_ned_m = ownship.position_ned_m.horizontal().plus(velocity_ned_mps.times(age_s));
         let rest_ned_m = self.vehicle_model.rest_point(&state.vehicle.model, position_ned_m, velocity_ned_mps);
         GuardInput {
@@ -411,7 +411,7 @@ mod tests {
         let heard = Instant(1_000_000);
         let ownship = Ownship { position_time: heard, velocity_ned_mps, ..Ownship::default() };
         guidance.step(&mut state, &Input { ownship: Some(ownship), ..Input::at(heard) });
-        for (age_us, carried_s) in [(0, 0.0), (280_000, 0.28), (3_000_000, mission::POSITION_AGE_MAX_S)] {
+        for (age_us, carried_s) in [(0, 0.0), (280_000, 0.28), (3_000_000, mission::OLDEST_POSITION_S)] {
             let GuardInput { position_ned_m, rest_ned_m, .. } = guidance.situation(&state, heard.plus_micros(age_us));
             let carried_ned_m = velocity_ned_mps.horizontal().times(carried_s);
             assert!(position_ned_m.minus(carried_ned_m).norm() < 1e-5, "{age_us} {position_ned_m:?}");
