@@ -142,13 +142,17 @@ fn guarded(draw: &mut Draw<'_>) -> Reached {
     reached
 }
 
-/// Beyond the limits of altitude nothing goes on outwards but what is being braked.
+/// Beyond the band of altitude nothing goes on outwards but what is being braked.
 fn check_altitude(step: &Step<'_>, situation: &GuardInput, about: &dyn Fn() -> String) {
-    let Some(down_m) = situation.down_m.filter(|down_m| down_m.is_finite()) else { return };
+    let [Some(down_m), Some(held_m)] =
+        [situation.down_m, situation.held_down_m].map(|down_m| down_m.filter(|down_m| down_m.is_finite()))
+    else {
+        return;
+    };
     let slowed = |speed_mps: f32| (speed_mps - step.limits.a_max_mps2 * step.dt_s * 0.999).max(0.0) + 1e-5;
     let down_mps = step.setpoint.velocity_ned_mps.down;
-    let too_low = down_m >= step.limits.down_max_m && down_mps > slowed(step.last.down);
-    let too_high = down_m <= step.limits.down_min_m && -down_mps > slowed(-step.last.down);
+    let too_low = down_m >= held_m + step.limits.altitude_band_m && down_mps > slowed(step.last.down);
+    let too_high = down_m <= held_m - step.limits.altitude_band_m && -down_mps > slowed(-step.last.down);
     assert!(!too_low && !too_high, "altitude: {}", about());
 }
 

@@ -102,8 +102,6 @@ pub(super) fn guard_config(draw: &mut Draw<'_>) -> guard::Config {
         approach_rate_per_s: draw.field(usual.approach_rate_per_s, 0.1, 20.0),
         out_of_view_share: draw.field(usual.out_of_view_share, 0.0, 1.0),
         altitude_band_m: draw.field(usual.altitude_band_m, 0.1, 100.0),
-        down_min_m: draw.field(usual.down_min_m, -50.0, 0.0),
-        down_max_m: draw.field(usual.down_max_m, -10.0, 10.0),
         fence,
         ..usual
     }

@@ -2,7 +2,7 @@
 
 use super::Guard;
 use crate::base::config::{Fence, RangeSensor, Vehicle};
-use crate::base::error::{ConfigError, Why, check};
+use crate::base::error::{ConfigError, check};
 use crate::mapping::coverage;
 
 /// Configuration of the guard.
@@ -31,10 +31,6 @@ pub struct Config {
     pub coverage: coverage::Config,
     /// Largest deviation from the held altitude, in either direction.
     pub altitude_band_m: f32,
-    /// Highest position, local NED.
-    pub down_min_m: f32,
-    /// Lowest position, local NED.
-    pub down_max_m: f32,
     /// Where the vehicle may be.
     pub fence: Fence,
 }
@@ -53,8 +49,6 @@ impl Default for Config {
             out_of_view_share: 0.5,
             coverage: coverage::Config::default(),
             altitude_band_m: 2.0,
-            down_min_m: -1e4,
-            down_max_m: 1e4,
             fence: Fence::DEFAULT,
         }
     }
@@ -77,12 +71,6 @@ impl Config {
         check("guard.approach_rate_per_s", self.approach_rate_per_s, 0.1, 20.0)?;
         check("guard.out_of_view_share", self.out_of_view_share, 0.05, 1.0)?;
         check("guard.altitude_band_m", self.altitude_band_m, 0.1, 1e3)?;
-        check("guard.down_min_m", self.down_min_m, -1e4, 1e4)?;
-        check("guard.down_max_m", self.down_max_m, -1e4, 1e4)?;
-        if !(self.down_min_m + 0.1 < self.down_max_m) {
-            let why = Why::Inconsistent("the highest place must be above the lowest");
-            return Err(ConfigError { field: "guard.down_min_m", value: self.down_min_m, why });
-        }
         self.fence.check()?;
         Ok(Guard { config: *self, vehicle: *vehicle, fov_rad: sensor.fov_rad, surveyor: self.coverage.build(sensor)? })
     }

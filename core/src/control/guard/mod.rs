@@ -405,24 +405,21 @@ impl Guard {
         between((half_rad - off_rad) / (0.4 * half_rad), self.config.out_of_view_share, 1.0)
     }
 
-    /// The vertical command: towards the demand, inside the altitude band and limits.
+    /// The vertical command: towards the demand, inside the altitude band.
     fn vertical(&self, last_mps: f32, wanted_mps: f32, input: &GuardInput, dt_s: f32) -> f32 {
         let c = &self.config;
         let mut wanted_mps = between(wanted_mps, -c.v_down_max_mps, c.v_down_max_mps);
-        if let Some(down_m) = input.down_m.filter(|down_m| down_m.is_finite()) {
-            let (mut top_m, mut bottom_m) = (c.down_min_m, c.down_max_m);
-            if let Some(held_m) = input.held_down_m.filter(|held_m| held_m.is_finite()) {
-                // The configured limits win if the held altitude is outside them.
-                top_m = between(held_m - c.altitude_band_m, c.down_min_m, c.down_max_m - 0.1);
-                bottom_m = between(held_m + c.altitude_band_m, top_m + 0.1, c.down_max_m);
-            }
+        let [down_m, held_m] =
+            [input.down_m, input.held_down_m].map(|down_m| down_m.filter(|down_m| down_m.is_finite()));
+        if let (Some(down_m), Some(held_m)) = (down_m, held_m) {
             let towards_mps = |limit_m: f32| {
                 let way_m = limit_m - down_m;
                 let stops_mps = sqrt(1.4 * c.a_max_mps2 * libm::fabsf(way_m));
                 let most_mps = if stops_mps < c.v_down_max_mps { stops_mps } else { c.v_down_max_mps };
                 between(ALTITUDE_RATE_PER_S * way_m, -most_mps, most_mps)
             };
-            wanted_mps = between(wanted_mps, towards_mps(top_m), towards_mps(bottom_m));
+            wanted_mps =
+                between(wanted_mps, towards_mps(held_m - c.altitude_band_m), towards_mps(held_m + c.altitude_band_m));
         }
         let most = c.a_max_mps2 * dt_s;
         last_mps + between(wanted_mps - last_mps, -most, most)
