@@ -17,7 +17,7 @@
 //! | `Uncalibrated` | no usable bearing for 1 s, the last one unusable for lack of a calibration | hold |
 //! | `Ambiguous` | the same, the last one because its direction was ambiguous | hold |
 //! | `NoSignal` | the same, for any other reason | hold; if `guidance::Config::explore` is set, search, then hold |
-//! | `GoalUnreachable` | no path for 15 s (time on a path is subtracted), or no progress beyond 1 m in 20 s; while a plan is late, or the vehicle holds for one of the reasons above, neither time runs; the first time reflections are left out instead, if any was supposed ([`crate::localize::belief`]) | hold until the mode is entered again |
+//! | `GoalUnreachable` | no path for 15 s (time on a path is subtracted), or no progress beyond 1 m in 20 s, or, a distance `d` within 5 m of where the beacon is believed, beyond `1 m + 2 d` in 20 s for each metre of that; while a plan is late, or the vehicle holds for one of the reasons above, no time runs; the first time reflections are left out instead, if any was supposed ([`crate::localize::belief`]) | hold until the mode is entered again |
 //! | `Fault` | a stage reported an impossible value (a demand that is not finite) | hold |
 //! | `NoPath` | the planner answered with a brake plan | hold, request again every 0.5 s |
 //! | `PlanLate` | the plan has run out, or there is none, or it brakes or is braked, and the next one did not arrive in time | hold, request again at once |
@@ -158,6 +158,9 @@ pub struct Config {
     pub stall_radius_m: f32,
 }
 
+/// Within how many stall radii of the source the vehicle is around it.
+const AROUND: f32 = 5.0;
+
 impl Default for Config {
     fn default() -> Self {
         Self {
@@ -215,6 +218,16 @@ pub struct Input {
     pub is_arriving: bool,
     /// Where the vehicle is.
     pub place_ned_m: Horizontal,
+    /// Where the source is believed to be.
+    pub source_ned_m: Option<Horizontal>,
+}
+
+/// A place that the vehicle has not left; it has left one without a radius.
+#[derive(Clone, Copy, Debug, Default)]
+struct Stay {
+    since: Instant,
+    from_ned_m: Horizontal,
+    radius_m: f32,
 }
 
 /// State of the mission.
@@ -225,7 +238,8 @@ pub struct State {
     /// The last step that called [`Mission::conclude`].
     concluded: Instant,
     no_path_since: Option<Instant>,
-    stall_since: Option<(Instant, Horizontal)>,
+    stalling: Stay,
+    circling: Stay,
     given_up: bool,
 }
 
@@ -247,14 +261,13 @@ impl State {
         self.no_path_since = since.filter(|since| *since < now);
     }
 
-    /// The planner's delay, or a hold for something that is missing, says nothing about the goal: neither clock counts it.
+    /// The planner's delay, or a hold for something that is missing, says nothing about the goal: no clock counts it.
     fn wait(&mut self, micros: u64) {
         if let Some(since) = &mut self.no_path_since {
             *since = since.plus_micros(micros);
         }
-        if let Some((since, _)) = &mut self.stall_since {
-            *since = since.plus_micros(micros);
-        }
+        self.stalling.since = self.stalling.since.plus_micros(micros);
+        self.circling.since = self.circling.since.plus_micros(micros);
     }
 }
 
@@ -355,19 +368,27 @@ impl Mission {
     }
 
     /// Whether the goal has to be given up: no retry goes on for ever.
+    #[inline(never)]
     fn gives_up(&self, state: &mut State, input: &Input) -> bool {
         let c = &self.config;
-        let (since, from) = *state.stall_since.get_or_insert((input.now, input.place_ned_m));
-        // A clock that was set back begins anew.
-        if input.place_ned_m.minus(from).norm() > c.stall_radius_m || since > input.now {
-            state.stall_since = Some((input.now, input.place_ned_m));
-        } else if input.now.seconds_since(since) > c.stall_s {
-            state.given_up = true;
-        }
-        if state.no_path_since.is_some_and(|since| input.now.seconds_since(since) > c.no_path_max_s) {
-            state.given_up = true;
-        }
+        // Circles around the source are no progress, however wide they are.
+        let away_m = input.source_ned_m.map_or(f32::INFINITY, |source| source.minus(input.place_ned_m).norm());
+        let around_m = if away_m < AROUND * c.stall_radius_m { c.stall_radius_m + 2.0 * away_m } else { 0.0 };
+        let stalls = self.stays(&mut state.stalling, input, c.stall_radius_m);
+        let circles = self.stays(&mut state.circling, input, around_m);
+        let has_no_path = state.no_path_since.is_some_and(|since| input.now.seconds_since(since) > c.no_path_max_s);
+        state.given_up |= stalls || circles || has_no_path;
         state.given_up
+    }
+
+    /// Whether the vehicle has stayed where it was for the time that so wide a place may take, `stall_s` for each stall radius. It
+    /// begins anew with this radius where it has left, and when a clock was set back.
+    #[inline(never)]
+    fn stays(&self, stay: &mut Stay, input: &Input, radius_m: f32) -> bool {
+        if input.place_ned_m.minus(stay.from_ned_m).norm() >= stay.radius_m || stay.since > input.now {
+            *stay = Stay { since: input.now, from_ned_m: input.place_ned_m, radius_m };
+        }
+        input.now.seconds_since(stay.since) * self.config.stall_radius_m > self.config.stall_s * stay.radius_m
     }
 }
 
@@ -399,6 +420,7 @@ mod tests {
             is_plan_late: false,
             is_arriving: false,
             place_ned_m: Horizontal::default(),
+            source_ned_m: None,
         }
     }
 
@@ -623,5 +645,24 @@ mod tests {
         };
         assert_eq!(run(0.0), Some(21));
         assert_eq!(run(0.1), None);
+    }
+
+    #[test]
+    fn circles_around_the_source_have_an_end_however_wide_they_are_and_a_source_that_moves_on_is_followed() {
+        let mission = Config::default().build().unwrap();
+        let given_up_s = |circle_m: f32, source_mps: f32| {
+            let mut state = State::default();
+            (0..600_u64).find(|s| {
+                let source = Horizontal { north: source_mps * *s as f32, east: 3.0 };
+                let place_ned_m = source.plus(Horizontal::from_bearing(0.6 * *s as f32).times(circle_m));
+                let input = Input { place_ned_m, source_ned_m: Some(source), ..fresh_at(step_at(50 * s)) };
+                mission.admit(&mut state, &input) == Outcome::GoalUnreachable
+            })
+        };
+        for (circle_m, longest_s) in [(0.4, 40), (1.0, 61), (2.0, 101), (4.0, 181)] {
+            let given_up_s = given_up_s(circle_m, 0.0);
+            assert!(given_up_s.is_some_and(|s| s <= longest_s), "{circle_m} m: {given_up_s:?}");
+        }
+        assert_eq!(given_up_s(2.0, 0.3), None);
     }
 }

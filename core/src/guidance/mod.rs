@@ -148,10 +148,6 @@ pub struct Output {
     pub guard_counts: guard::Counts,
     /// A plan is requested; [`State::request`] has the request.
     pub plan_requested: bool,
-    /// A plan took effect in this step.
-    pub plan_activated: bool,
-    /// Number of plans that came too late.
-    pub plans_late: u32,
     /// Hash over every bearing, plan and setpoint so far.
     pub trace_hash: u64,
 }

@@ -11,8 +11,8 @@ use crate::planning::planner::{Answer, Learn, Search};
 use crate::planning::rollout::WAYPOINTS;
 
 impl<const N: usize> Guidance<N> {
-    /// Takes the planner's answer and lets it take effect at its step; true if one did.
-    pub(super) fn take_over(&self, state: &mut State<N>, answer: Option<&Answer>) -> bool {
+    /// Takes the planner's answer and lets it take effect at its step.
+    pub(super) fn take_over(&self, state: &mut State<N>, answer: Option<&Answer>) {
         if let Some(answer) = answer
             && state.plans.due.is_some()
             && answer.plan.id == state.plans.request.id
@@ -20,15 +20,12 @@ impl<const N: usize> Guidance<N> {
             state.plans.pending = Some(answer.clone());
         }
         if state.plans.due != Some(state.tick) {
-            return false;
+            return;
         }
         state.plans.due = None;
         let answer = state.plans.pending.take();
         state.plans.is_late = answer.is_none();
-        let Some(Answer { plan, walls }) = answer else {
-            state.plans.late = state.plans.late.saturating_add(1);
-            return false;
-        };
+        let Some(Answer { plan, walls }) = answer else { return };
         state.trace.word(plan.id);
         for waypoint in &plan.waypoints_ned_m {
             state.trace.float(waypoint.north);
@@ -38,7 +35,6 @@ impl<const N: usize> Guidance<N> {
         state.plans.walls = walls;
         state.plans.activated = state.tick;
         state.control.track.restart();
-        true
     }
 
     /// Whether an obstacle known by now blocks the active plan's next waypoints.

@@ -71,8 +71,7 @@ pub(super) struct Plans {
     pub(super) walls: Vec<Wall, WALLS_MAX>,
     /// When the active plan took effect.
     pub(super) activated: u32,
-    /// Plans that came too late, and whether the last one did.
-    pub(super) late: u32,
+    /// Whether the last plan came too late.
     pub(super) is_late: bool,
     /// There is no signal, and the vehicle searches for one.
     pub(super) is_searching: bool,

@@ -44,7 +44,7 @@ impl<const N: usize> Guidance<N> {
         let (bearing, bearing_ned_rad) = heard.and_then(|heard| self.hear(state, &heard)).unzip();
         let bearing_ned_rad = bearing_ned_rad.flatten();
         self.look(state, input);
-        let plan_activated = self.take_over(state, input.answer);
+        self.take_over(state, input.answer);
         self.estimate_wind(state, input.control);
         self.land(state, input, bearing.as_ref());
         let situation = self.situation(state, input.now);
@@ -70,8 +70,6 @@ impl<const N: usize> Guidance<N> {
             guard,
             guard_counts: state.control.guard.counts(),
             plan_requested,
-            plan_activated,
-            plans_late: state.plans.late,
             trace_hash: state.trace.hash(),
         }
     }
@@ -311,6 +309,7 @@ impl<const N: usize> Guidance<N> {
             is_arriving: is_landing(state),
             bearing_flags: state.last_flags,
             place_ned_m: situation.position_ned_m,
+            source_ned_m: state.belief.direct().map(|source| source.place_ned_m),
         }
     }
 }

@@ -185,20 +185,20 @@ fn the_trace_does_not_depend_on_how_fast_the_planner_is() {
         let mut flight = Flight::new(&PILLARS, (10.0, 0.5));
         flight.planning = planning;
         let report = flight.run(10.0, |_, _| {});
-        (report.outputs.last().unwrap().trace_hash, report.outputs.last().unwrap().plans_late)
+        assert!(report.outputs.iter().all(|output| output.outcome != Outcome::PlanLate));
+        report.outputs.last().unwrap().trace_hash
     };
     assert_eq!(hash(1), hash(4));
-    assert_eq!(hash(1).1, 0);
 }
 
 #[test]
-fn a_planner_that_is_always_late_means_hold_and_is_counted() {
+fn a_planner_that_is_always_late_means_hold() {
     let mut flight = Flight::new(&[], (10.0, 0.0));
     flight.planning = 50;
     let report = flight.run(5.0, |_, _| {});
     let end = report.outputs.last().unwrap();
     assert_eq!(end.outcome, Outcome::PlanLate);
-    assert!(end.plans_late > 10 && flight.vehicle.position.norm() < 1e-3);
+    assert!(flight.vehicle.position.norm() < 1e-3);
 }
 
 #[test]

@@ -512,6 +512,7 @@ mod tests {
                 is_plan_late: false,
                 is_arriving: false,
                 place_ned_m: Horizontal::default(),
+                source_ned_m: None,
             };
             turning.mission.admit(&mut mission::State::default(), &input)
         };

@@ -214,8 +214,6 @@ pub(crate) fn output([north, east, down]: [f32; 3], yaw_rate_radps: f32) -> Outp
         guard: Action::Passed,
         guard_counts: foxhound_core::control::guard::Counts::default(),
         plan_requested: false,
-        plan_activated: false,
-        plans_late: 0,
         trace_hash: 0,
     }
 }
