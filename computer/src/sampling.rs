@@ -67,7 +67,7 @@ mod tests {
     use super::*;
 
     /// As that of the NUCLEO-G474RE.
-    const TIMER: Timer = Timer { clock_hz: 170_000_000, cycles_min: 432, cycles_max: 1 << 16 };
+    const TIMER: Timer = Timer { clock_hz: 42_500_000, cycles_min: 108, cycles_max: 1 << 16 };
 
     fn config(rate_hz: f32, tick_s: f32) -> guidance::Config {
         let mut config = guidance::Config { tick_s, ..guidance::Config::default() };
@@ -78,15 +78,15 @@ mod tests {
     #[test]
     fn the_default_rate_is_had_within_94_ppm_and_a_frame_comes_with_every_step() {
         let sampling = TIMER.sampling(&guidance::Config::default()).unwrap();
-        assert_eq!((sampling.cycles, sampling.blocks), (1660, 8));
-        // 170 MHz / 1660, in double precision.
-        assert!((f64::from(sampling.rate_hz) - 170e6 / 1660.0).abs() < 0.005);
+        assert_eq!((sampling.cycles, sampling.blocks), (415, 8));
+        // 42.5 MHz / 415, in double precision.
+        assert!((f64::from(sampling.rate_hz) - 42.5e6 / 415.0).abs() < 0.005);
     }
 
     #[test]
     fn a_rate_that_a_timer_has_is_had_again() {
-        for cycles in [432, 500, 1659, 1660, 1661, 7_001, 13_000] {
-            let rate_hz = 170e6 / cycles as f32;
+        for cycles in [108, 125, 414, 415, 416, 1_751, 3_250] {
+            let rate_hz = 42.5e6 / cycles as f32;
             let blocks = (0.02 * rate_hz / 256.0).round().max(1.0);
             let tick_s = (blocks * 256.0 / rate_hz).min(0.1);
             let sampling = TIMER.sampling(&config(rate_hz, tick_s)).unwrap();
@@ -97,14 +97,14 @@ mod tests {
     #[test]
     fn what_cannot_be_had_is_refused_by_name() {
         let refused = |rate_hz, tick_s| TIMER.sampling(&config(rate_hz, tick_s)).unwrap_err().field;
-        // A sample takes 432 cycles; the timer counts to 65 536.
+        // A sample takes 108 cycles; the timer counts to 65 536.
         assert_eq!(refused(394_000.0, 0.02), RATE);
-        assert_eq!(refused(2_500.0, 0.1), RATE);
+        assert_eq!(refused(640.0, 0.1), RATE);
         assert_eq!(refused(f32::NAN, 0.02), RATE);
-        // Between 850 and 851 cycles: 588 ppm from either.
-        assert_eq!(refused(170e6 / 850.5, 0.02), RATE);
+        // Between 212 and 213 cycles: 0.24 % from either.
+        assert_eq!(refused(42.5e6 / 212.5, 0.02), RATE);
         // 1.17 blocks a step.
-        assert_eq!(refused(15_000.0, 0.02), "tick_s");
+        assert_eq!(refused(42.5e6 / 2_833.0, 0.02), "tick_s");
         assert_eq!(refused(5_000.0, 0.02), "tick_s");
     }
 }

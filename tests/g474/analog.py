@@ -185,6 +185,8 @@ class Sampler(Block):
             for converter in self.converters():
                 if self.triggers() and converter.converts():
                     require(self.period() >= converter.conversion_units(), "adc-rate", f"{converter.name}, {self.core.where()}")
+                    require((self.value["PSC"] + 1) * self.core.cycle % converter.clock_units() == 0, "adc-phase",
+                            f"{converter.name}, {self.core.where()}")
             self.machine.sampling_begins()
         elif old & 1 and not value & 1:
             self.first_at = None

@@ -34,6 +34,7 @@ RULES = {
     "adc-clock": ("the ADC common clock mode is changed while a converter is on", "21.8.2"),
     "adc-calibration": ("an ADC is calibrated while it is enabled or its regulator has not started", "21.4.8"),
     "adc-rate": ("an ADC is triggered before the conversion before has ended", "21.4.12"),
+    "adc-phase": ("ADCs are triggered by a timer whose prescaler is no multiple of theirs, and disturb each other", "ES0430 2.7.11"),
     # USART
     "uart-locked": ("a UART register is written that only a disabled UART takes", "37.8"),
     "uart-baud": ("a UART's bit rate is more than 2 % off its line's", "37.5.8"),

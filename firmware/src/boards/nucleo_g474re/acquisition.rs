@@ -1,6 +1,6 @@
 //! Four coherent antenna channels: ADC1 to ADC4, triggered together, written to memory by DMA.
 //!
-//! TIM6 counts cycles of 170 MHz, 1660 for the default 102.4 kHz, and its update event (TRGO) starts all four
+//! TIM6 counts periods of the converters' clock, 415 for the default 102.4 kHz; its update event (TRGO) starts all four
 //! converters at the same instant. The count follows from the configuration ([`foxhound_computer::sampling`]), in
 //! which the actual rate, 102 409.6 Hz, is stored from then on; an impossible rate is refused there, with the name of
 //! the field.
@@ -20,11 +20,12 @@
 //! channels 8 to 15 serve DMA2).
 //!
 //! - **Clock.** Synchronous, HCLK / 4 = 42.5 MHz: below the 52 MHz that are allowed with several converters at work,
-//!   and a trigger from a timer of the same clock then has no jitter. The dividers of the pairs ADC1/2 and ADC3/4 may
-//!   be up to three HCLK cycles (18 ns) apart; `calibrate` measures the difference, `skew_s` of the array corrects
-//!   it.
+//!   and a trigger from a timer of the same clock then has no jitter. TIM6 has the same prescaler, 4: a trigger in
+//!   another phase of the converters' clock would let them disturb each other (ES0430, section 2.7.11, 2.7.9 in Rev 8).
+//!   The dividers of the pairs ADC1/2 and ADC3/4 may be up to three HCLK cycles (18 ns) apart; `calibrate` measures
+//!   the difference, `skew_s` of the array corrects it.
 //! - **Time.** 92.5 cycles of sampling and 12.5 of conversion, 2.5 us of the 9.8 us between two triggers, and a few
-//!   to begin: 432 cycles of 170 MHz are the shortest accepted.
+//!   to begin: 108 cycles of 42.5 MHz are the shortest accepted.
 //! - **Offset.** Half scale is subtracted from the samples and nothing else. Any constant is projected out where the
 //!   tone is fitted (`foxhound_core::signal::phase`).
 //! - **Overrun.** When DMA does not fetch a result in time the converter sets OVR and sends no more requests; the
@@ -61,9 +62,11 @@ use crate::register_values::{half_block_us, patience_us, ring_half};
 
 /// TIM6, by which samples are taken.
 pub const TIMER: Timer =
-    Timer { clock_hz: CLOCK_MHZ * 1_000_000, cycles_min: CYCLES_PER_CONVERSION, cycles_max: 1 << 16 };
-/// 92.5 and 12.5 cycles of the converters' clock, and three more from the trigger on.
-const CYCLES_PER_CONVERSION: u32 = 4 * (105 + 3);
+    Timer { clock_hz: CLOCK_MHZ * 1_000_000 / DIVIDER, cycles_min: CYCLES_PER_CONVERSION, cycles_max: 1 << 16 };
+/// HCLK is divided by this for the converters, and for TIM6.
+const DIVIDER: u32 = 4;
+/// 92.5 and 12.5 cycles, and three more from the trigger on.
+const CYCLES_PER_CONVERSION: u32 = 105 + 3;
 /// `TIM6_TRGO`, for the regular groups of all converters.
 const TRIGGER: u8 = 13;
 /// The first DMA multiplexer channel of DMA2.
@@ -222,7 +225,7 @@ impl Acquisition {
             });
         }
 
-        TIM6.psc().write_value(0);
+        TIM6.psc().write_value(DIVIDER as u16 - 1);
         TIM6.cr2().modify(|w| w.set_mms(Mms::UPDATE));
         // SAFETY: the handler below is ready, and no mask-based critical section is in use.
         unsafe { cortex_m::peripheral::NVIC::unmask(interrupt::DMA2_CHANNEL4) };
@@ -328,7 +331,7 @@ impl Acquisition {
             // if we are later than that, the check below says so and what was read is thrown away.
             unsafe { &*rings.add(channel).cast::<[u16; N]>().add(half) }
         });
-        let cycles = self.sampling.map_or(0, |sampling| sampling.cycles);
+        let cycles = self.sampling.map_or(0, |sampling| sampling.cycles * DIVIDER);
         let half_block = Duration::from_micros(half_block_us(N as u64, cycles, CLOCK_MHZ));
         let middle = time::Instant(block.end.saturating_sub(half_block).as_micros());
         snapshot.fill_from_unsigned(middle, raw);
@@ -339,7 +342,8 @@ impl Acquisition {
     /// Longest wait for a frame: the time of two missing ones, and a twentieth. The autopilot's bytes of that time
     /// fit its ring.
     pub fn patience(&self) -> Duration {
-        let cycles = self.sampling.map_or(0, |sampling| u64::from(sampling.cycles * sampling.blocks) * N as u64);
+        let cycles =
+            self.sampling.map_or(0, |sampling| u64::from(sampling.cycles * DIVIDER * sampling.blocks) * N as u64);
         Duration::from_micros(patience_us(cycles, CLOCK_MHZ))
     }
 
