@@ -172,10 +172,10 @@ class Flash(Block):
         return self.machine.damaged
 
     def load(self, at, size):
-        """A read of the store: a damaged word raises ECCD and the NMI."""
+        """A read of the store: a damaged word raises the NMI and, in every other word, ECCD: the register is not to be relied on."""
         offset = at - processor.FLASH_AT
         if offset & ~7 in self.damaged:
-            self.value["ECCR"] |= 1 << 31
+            self.value["ECCR"] |= (offset >> 3 & 1) << 31
             self.core.pending.add(processor.NMI)
             self.core.end_slice()
         return int.from_bytes(self.core.flash[offset:offset + size], "little")

@@ -11,8 +11,9 @@
 //! - **Interrupted words.** A word whose programming or erasing was interrupted by a loss of power may have more
 //!   wrong bits than its code corrects. Reading it raises ECCD and the NMI. The handler clears the flag and records
 //!   it; the word counts as zeros, and is programmed as zeros, which is allowed over anything, so that it reads the
-//!   same ever after. An NMI from another source, or while nothing is read here, means damage to the program or to
-//!   its memory: a restart.
+//!   same ever after. An NMI while a word is read counts as that word's even if no flag says so: after a restart it would
+//!   be read again, and so for ever. While nothing is read here, it means damage to the program or to its memory: a
+//!   restart.
 //! - **Cache.** The data cache is off during a read: its content would hide a damaged word.
 //!
 //! None of this has happened to a real board yet.
@@ -72,19 +73,18 @@ fn read_word(at: u32) -> Option<[u8; 8]> {
     is_sound.then(|| (u64::from(high) << 32 | u64::from(low)).to_le_bytes())
 }
 
-/// The crystal has failed, the flash reports an uncorrectable error in the word being read, or something worse has happened.
+/// The crystal has failed, the word being read is damaged, or something worse has happened.
 // SAFETY: it touches its two flags and a register that nobody else touches.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() {
     if RCC.cifr().read().cssf() {
         crash_record::end::<Machine>(End::Halt, 0, 0, b"the crystal has failed");
     }
-    let state = FLASH.eccr().read();
-    if !(state.eccd() || state.eccd2()) || !IS_READING.load(Ordering::SeqCst) {
+    if !IS_READING.load(Ordering::SeqCst) {
         crash_record::end::<Machine>(End::Halt, 0, 0, b"flash or RAM damaged");
     }
     // A set flag is cleared by writing it.
-    FLASH.eccr().write_value(state);
+    FLASH.eccr().modify(|_| ());
     IS_DAMAGED.store(true, Ordering::SeqCst);
 }
 
