@@ -37,6 +37,7 @@ RULES = {
     "adc-phase": ("ADCs are triggered by a timer whose prescaler is no multiple of theirs, and disturb each other", "ES0430 2.7.11"),
     # USART
     "uart-locked": ("a UART register is written that only a disabled UART takes", "37.8"),
+    "uart-dma": ("a UART is disabled while its DMA channel is enabled", "37.8.1"),
     "uart-baud": ("a UART's bit rate is more than 2 % off its line's", "37.5.8"),
     "uart-pins": ("a UART is used whose pins are not its own, or whose input floats", "9.3.10"),
     # Timers, watchdog, DAC

@@ -130,6 +130,8 @@ class Uart(Block):
         if old & 1 and value & 1:
             require((value ^ old) & locked & self.table["CR1"].rw == 0, "uart-locked",
                     f"{self.name}.CR1 {old:#010x} -> {value:#010x}, {self.core.where()}")
+        if old & 1 and not value & 1:
+            require(self.channel(self.rx_request, 6) is None, "uart-dma", f"{self.name}, {self.core.where()}")
         require(not value & (1 << 29), "unknown-register", f"the FIFO of {self.name}, which the model does not have")
         self.value["CR1"] = value
         self.update()

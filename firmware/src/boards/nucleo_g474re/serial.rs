@@ -77,7 +77,7 @@ struct Line {
     laps: AtomicU32,
     /// Interrupts for noise, framing errors and overruns.
     errors: AtomicU32,
-    /// DMA has stopped receiving, by a bus error.
+    /// DMA has stopped receiving, by a bus error or for another bit rate.
     is_stopped: AtomicBool,
     is_sending: AtomicBool,
     received: AtomicWaker,
@@ -207,13 +207,18 @@ impl Line {
         (Receiver { line: self, cursor: Cursor::new() }, Transmitter(self))
     }
 
-    /// Changes the bit rate, for which the UART has to be off (RM0440, `USART_BRR`); what is being received is lost.
+    /// Changes the bit rate, for which the UART has to be off (RM0440, `USART_BRR`), and before it its DMA channel
+    /// (`USART_CR1`, UE); what is being received is lost.
     fn set_divider(&self, divider: u32) {
         let uart = self.uart;
         if uart.brr().read().0 != divider {
+            DMA1.ch(self.receives.index).cr().modify(|w| w.set_en(false));
             uart.cr1().modify(|w| w.set_ue(false));
             uart.brr().write(|w| w.0 = divider);
+            self.receive();
             uart.cr1().modify(|w| w.set_ue(true));
+            // The reader begins anew, too.
+            self.is_stopped.store(true, Ordering::Relaxed);
         }
     }
 
