@@ -63,7 +63,7 @@ pub struct Record {
     pub end: End,
     /// Where, as far as that is known.
     pub address: u32,
-    /// `CFSR` of a fault.
+    /// `CFSR` of a fault; the board's own after a halt.
     pub status: u32,
     /// Time since its start.
     pub uptime_s: u32,

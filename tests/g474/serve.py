@@ -137,6 +137,8 @@ class Session:
             machine.cut_in = line["operation"]
         elif kind in ("brown-out", "power", "pin"):
             machine.reset_in(us, kind)
+        elif kind == "crystal":
+            self.core.at(self.core.time + us * US, lambda: machine.rcc.crystal_fails())
         elif kind == "stuck":
             machine.hang_in(us)
         else:

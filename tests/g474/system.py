@@ -69,6 +69,18 @@ class Rcc(Block):
             self.pll_hz()
         self.read_CR()
 
+    def crystal_fails(self):
+        """It stops: where the clock security system is on, SYSCLK comes from the HSI at once, and the NMI is raised."""
+        self.read_CR()
+        if not self.field("CR", "CSSON") or not self.field("CR", "HSERDY"):
+            return
+        self.value["CR"] = self.value["CR"] & ~self.mask("CR", "HSEON", "CSSON", "PLLON") | self.mask("CR", "HSION")
+        self.value["CFGR"] = self.value["CFGR"] & ~15 | 1 << 2 | 1
+        self.value["CIFR"] |= self.mask("CIFR", "CSSF")
+        self.core.set_clock(HSI_HZ // self.divider(self.value["CFGR"] >> 4 & 15))
+        self.core.pending.add(processor.NMI)
+        self.core.end_slice()
+
     def write_PLLCFGR(self, value, old):
         locked = self.mask("PLLCFGR", "PLLSRC", "PLLM", "PLLN")
         if self.field("CR", "PLLON"):

@@ -315,6 +315,21 @@ fn without_a_crystal_it_runs_on_the_internal_oscillator_and_says_so() {
     assert!(bench.has_said("no crystal"), "{:?}", bench.texts);
 }
 
+/// A crystal that fails again and again restarts the board once: from then on it runs on the internal oscillator.
+#[test]
+#[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
+fn a_crystal_that_fails_again_and_again_restarts_the_board_once() {
+    let mut bench = Bench::start(Options { seed: 40, ..Options::default() });
+    bench.seconds(2.0);
+    for _ in 0..2 {
+        bench.fault(&json!({ "kind": "crystal", "after_us": 1_234 }));
+        bench.seconds(3.0);
+    }
+    assert_eq!(bench.causes(), ["software"]);
+    assert!(bench.has_said("the crystal has failed") && bench.has_said("no crystal"), "{:?}", bench.texts);
+    bench.assert_beats(2.0);
+}
+
 /// After an overrun of a converter new frames arrive.
 #[test]
 #[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]

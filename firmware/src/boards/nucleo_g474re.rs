@@ -122,7 +122,7 @@ fn start() -> Parts<Machine> {
     stack::guard(&mut core.MPU);
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
-    let (board, clock) = clocks::start();
+    let (board, clock) = clocks::start(restart.record.as_ref());
     let ([(receiver, transmitter), (console_receiver, console_transmitter)], sensor) = serial::start();
 
     // Two vectors of unused peripherals.

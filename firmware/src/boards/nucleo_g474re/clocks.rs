@@ -32,6 +32,7 @@ use embassy_stm32::pac::{FLASH, PWR, RCC, TIM15};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::{Peripherals, rcc};
 use foxhound_computer::port::Clock;
+use foxhound_computer::restart::Record;
 
 use crate::register_values::{pll_hz, prescaler};
 
@@ -44,12 +45,16 @@ const _: () = assert!(pll_hz(HSE_HZ, 6, 85, 2) == CLOCK_HZ && pll_hz(HSI_MHZ * 1
 const HSI_MHZ: u32 = 16;
 /// The crystal starts in some 2 ms (DS12288, HSE oscillator characteristics).
 const HSE_WAIT_MS: u32 = 100;
+/// Status of a run's record: the next one leaves the crystal alone, which could fail and restart the board again and again. No
+/// `CFSR` is like it.
+pub(super) const CRYSTAL_FAILED: u32 = 1 << 31;
 /// `PWR_CR5`: 0 is range 1 boost.
 const R1MODE: u32 = 1 << 8;
 
 /// Starts embassy and raises the clock. Call it once after a reset, with the cycle counter and the watchdog running.
-pub(super) fn start() -> (Peripherals, Clock) {
-    let clock = wait_for_crystal();
+pub(super) fn start(last: Option<&Record>) -> (Peripherals, Clock) {
+    let has_failed = last.is_some_and(|last| last.status == CRYSTAL_FAILED);
+    let clock = if has_failed { Clock::Internal } else { wait_for_crystal() };
     let mut config = embassy_stm32::Config::default();
     if clock == Clock::Crystal {
         // It is left on.

@@ -30,7 +30,7 @@ use foxhound_computer::part::{self, Refused};
 use foxhound_computer::restart::End;
 use foxhound_computer::store::PAGES;
 
-use super::Machine;
+use super::{Machine, clocks};
 use crate::arm::crash_record;
 
 const PAGE_BYTES: usize = 2048;
@@ -78,7 +78,7 @@ fn read_word(at: u32) -> Option<[u8; 8]> {
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() {
     if RCC.cifr().read().cssf() {
-        crash_record::end::<Machine>(End::Halt, 0, 0, b"the crystal has failed");
+        crash_record::end::<Machine>(End::Halt, 0, clocks::CRYSTAL_FAILED, b"the crystal has failed");
     }
     if !IS_READING.load(Ordering::SeqCst) {
         crash_record::end::<Machine>(End::Halt, 0, 0, b"flash or RAM damaged");
