@@ -188,10 +188,7 @@ impl Serialize for Packed<'_> {
 
 /// A record as it is read.
 #[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(
-    target_pointer_width = "32",
-    expect(clippy::large_enum_variant, reason = "read one at a time, with a desktop's memory")
-)]
+#[expect(clippy::large_enum_variant, reason = "read one at a time, with a desktop's memory")]
 pub enum Record<'a> {
     /// The begin of a flight.
     Begin(Beginning<'a>),
