@@ -225,7 +225,8 @@ impl Config {
         }
         let side = side_m / wavelength_m;
         if side >= SIDE_REFUSED {
-            let why = Why::Inconsistent("half a wavelength or more apart: opposite directions are ambiguous");
+            let why =
+                Why::Inconsistent("with antennas half a wavelength or more apart opposite directions are ambiguous");
             return Err(ConfigError { field: "side_m", value: side_m, why });
         }
         if side < 0.02 {
@@ -234,7 +235,7 @@ impl Config {
         }
         let [xx, xy, yy] = steering.iter().fold([0.0; 3], |[xx, xy, yy], [x, y]| [xx + x * x, xy + x * y, yy + y * y]);
         if xx * yy - xy * xy < 1e-3 * (xx + yy) * (xx + yy) {
-            let why = Why::Inconsistent("on one line the antennas cover only half of the circle");
+            let why = Why::Inconsistent("the antennas are on one line and cover only half of the circle");
             return Err(ConfigError { field: "antennas_m", value: side_m, why });
         }
 

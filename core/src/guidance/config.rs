@@ -120,7 +120,9 @@ impl Config {
         if let Some(radio) = &self.radio {
             radio.check()?;
             if self.lidar.is_some() || self.turning.is_some() {
-                let why = Why::Inconsistent("not with a lidar, on the same line, nor with turning, by waveforms");
+                let why = Why::Inconsistent(
+                    "not with a lidar, which has the same line, nor with turning, which needs waveforms",
+                );
                 return Err(ConfigError { field: "radio", value: 1.0, why });
             }
         }
@@ -135,7 +137,8 @@ impl Config {
         let speeds_up_s = between(v_mps / self.guard.a_max_mps2, 0.0, moves_s);
         let moves_m = 0.5 * self.guard.a_max_mps2 * speeds_up_s * speeds_up_s + v_mps * (moves_s - speeds_up_s);
         if moves_m < 1.8 * self.mission.stall_radius_m {
-            let why = Why::Inconsistent("too slow for the stall radius in the stall time: it would give up");
+            let why =
+                Why::Inconsistent("too slow to move well beyond the stall radius in the stall time: it would give up");
             return Err(ConfigError { field: "guard.v_max_mps", value: self.guard.v_max_mps, why });
         }
         let stop_m = guard.stop_m(vehicle_model.delay_s());

@@ -385,9 +385,7 @@ impl Mission {
     /// begins anew with this radius where it has left, and when a clock was set back.
     #[inline(never)]
     fn stays(&self, stay: &mut Stay, input: &Input, radius_m: f32) -> bool {
-        if input.place_ned_m.minus(stay.from_ned_m).norm_squared() >= stay.radius_m * stay.radius_m
-            || stay.since > input.now
-        {
+        if input.place_ned_m.minus(stay.from_ned_m).norm() >= stay.radius_m || stay.since > input.now {
             *stay = Stay { since: input.now, from_ned_m: input.place_ned_m, radius_m };
         }
         input.now.seconds_since(stay.since) * self.config.stall_radius_m > self.config.stall_s * stay.radius_m

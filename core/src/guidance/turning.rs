@@ -101,7 +101,7 @@ impl Config {
         }
         let turn_s = core::f32::consts::TAU / speed_radps;
         if turn_s > 0.8 * rotating::ROTATION_MAX_S {
-            let why = Why::Inconsistent("at that rate it takes longer than the longest rotation");
+            let why = Why::Inconsistent("a rotation at that rate takes longer than the longest rotation");
             return Err(ConfigError { field: "turning.yaw_rate_radps", value: self.yaw_rate_radps, why });
         }
         let patience_s = MISSION_TURNS * turn_s;

@@ -291,7 +291,7 @@ fn every_refusal_is_answered_by_the_old_value_and_told_in_words() {
         (
             "FH_ARR_SIDE",
             0.2,
-            "FH_ARR_SIDE=0.2 refused: side_m=0.2 half a wavelength or more apart: opposite directions are ambiguous",
+            "FH_ARR_SIDE=0.2 refused: side_m=0.2 with antennas half a wavelength or more apart opposite directions are ambiguous",
         ),
     ] {
         let old = Id::named(name.as_bytes()).unwrap().default();

@@ -79,7 +79,7 @@ impl Config {
         check("explore.radius_m", self.radius_m, self.cell_m, 300.0)?;
         check("vehicle.radius_m + planner.margin_m", clearance_m, 0.0, 2.0)?;
         if self.radius_m > (MIDDLE - 1) as f32 * self.cell_m {
-            let why = Why::Inconsistent("at most 15 explore.cell_m, the reach of the grid");
+            let why = Why::Inconsistent("must not be greater than 15 explore.cell_m, the reach of the grid");
             return Err(ConfigError { field: "explore.radius_m", value: self.radius_m, why });
         }
         Ok(Explorer { config: *self, clearance_m, fence: *fence })

@@ -133,7 +133,7 @@ impl Config {
     pub fn build(&self, vehicle: &Vehicle, sensor: &RangeSensor, fence: &Fence) -> Result<Planner, ConfigError> {
         for (field, number) in [("planner.kind", self.kind as u8), ("planner.law.kind", self.law.kind as u8)] {
             if number != 0 {
-                let why = Why::Inconsistent("the papers' planners and fields are not in this program");
+                let why = Why::Inconsistent("the papers' planners and fields are not part of this program");
                 return Err(ConfigError { field, value: f32::from(number), why });
             }
         }
