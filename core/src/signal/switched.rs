@@ -140,7 +140,7 @@ impl Config {
         let all_regular = reader.by_antenna(&reader.visits).all(is_regular);
         reader.is_regular = all_regular;
         if reader.cells == 0 && samples == 1 {
-            let text = "too few: no antenna is visited twice, and slots of one sample have no frequency of their own";
+            let text = "no antenna is visited twice, and slots of one sample tell no frequency";
             return refuse("slots", slots, text);
         }
         if reader.cells > CELLS_MAX {

@@ -1,13 +1,21 @@
 //! Searches the whole spectrum for the tone.
 
 use super::fit::{Fit, Level, fit, left_over, tune};
-use super::floor::{MEDIAN_OF_MEAN, hann_gain, median, under_the_tone};
+use super::floor::{MEDIAN_OF_MEAN, hann_gain, leak, median, under_the_tone};
 use super::follow::{Frequency, REFINEMENTS, bins_between};
-use super::lines::{INTERPOLATION_VARIANCE, Peak, leakage, other_line, stands_out};
+use super::lines::{INTERPOLATION_VARIANCE, Peak, leakage, louder_beside, other_line};
 use super::{Extractor, QUANTISATION, REFRESH, SEARCH_THRESHOLD, State};
 use crate::base::adc::CHANNELS;
 use crate::signal::spectrum::power_of_two;
 use crate::signal::spectrum::tone::Window;
+
+/// What the fit leaves over is this much more than the floor: not by chance.
+const MORE: f32 = 2.0;
+/// Weight of a measurement of the noise beside the peak.
+const SMOOTHING: f32 = 0.125;
+
+/// A line beside another one stands out by this from the noise at its quieter side.
+const LINE_RATIO: f32 = 6.0;
 
 /// The line in the spectrum that may be the tone.
 #[derive(Clone, Copy, Debug)]
@@ -21,9 +29,16 @@ pub(super) struct Candidate {
     pub(super) is_worth_it: bool,
     /// Whether it stands out from its neighbourhood, not only from the floor of the whole spectrum.
     pub(super) is_line: bool,
+    /// Whether the noise beside it is as loud as elsewhere.
+    pub(super) is_white: bool,
+    /// How much more than [`Extractor::CONFIRM`] a new tone needs here.
+    pub(super) confirm: f32,
 }
 
 impl<const N: usize> Extractor<N> {
+    /// Noise beside a peak that is not louder than this is taken as white.
+    const WHITE: f32 = 1.5 * (1.0 + 25.0 / N as f32);
+
     /// Evaluates the whole spectrum: floors, tone, other lines. `None` without a tone.
     pub(super) fn acquire(
         &self,
@@ -52,7 +67,7 @@ impl<const N: usize> Extractor<N> {
         match &found {
             Some(fit) => {
                 state.floor_due_in = REFRESH - 1;
-                remember_left_over(state, levels, fit);
+                remember_left_over(state, levels, fit, candidate.is_white);
             }
             None => {
                 state.tracked = before;
@@ -78,8 +93,13 @@ impl<const N: usize> Extractor<N> {
         let strongest = self.peak(workspace, self.band);
         let held = state.tracked.and_then(|tracked| self.held(workspace, tracked, &strongest));
         let peak = held.unwrap_or(strongest);
-        self.take_over_floors(state, &peak);
         state.interferer = other_line(workspace, &peak);
+        let [below, above] = louder_beside(workspace, &peak);
+        // Another line has skirts at its side.
+        let measured = if state.interferer { below.min(above) } else { below.max(above) };
+        state.beside += SMOOTHING * (measured - state.beside);
+        let beside = if state.beside > Self::WHITE { state.beside } else { 1.0 };
+        self.take_over_floors(state, &peak, beside);
         if state.interferer {
             state.leakage = leakage(&state.spectrum, workspace, &peak);
         }
@@ -90,14 +110,17 @@ impl<const N: usize> Extractor<N> {
             // Half blocks determine the frequency to within one bin only.
             is_near: state.tracked.is_some_and(|tracked| bins_between::<N>(tracked.step, at).abs() < 0.5),
             is_worth_it: self.config.tone_hz.is_some() || peak.statistic >= SEARCH_THRESHOLD,
-            is_line: stands_out(workspace, &peak),
+            is_line: peak.statistic > LINE_RATIO * below.min(above),
+            is_white: beside <= 1.0,
+            confirm: (below.max(above) / beside).max(1.0),
         }
     }
 
-    fn take_over_floors(&self, state: &mut State<N>, peak: &Peak) {
+    fn take_over_floors(&self, state: &mut State<N>, peak: &Peak, beside: f32) {
+        let leaks = leak(peak.bins - peak.bin as f32);
         for ((variance, floor), channel) in state.variance.iter_mut().zip(state.floors).zip(0..) {
             let power = state.spectrum.power(channel, peak.bin) as f32 * power_of_two(state.spectrum.exponent(channel));
-            let floor = floor * under_the_tone::<N>(power / floor, peak.bins - peak.bin as f32);
+            let floor = beside * floor * under_the_tone::<N>(power / floor, leaks);
             *variance = (floor / hann_gain::<N>()).max(QUANTISATION);
         }
     }
@@ -114,7 +137,7 @@ impl<const N: usize> Extractor<N> {
         state.tracked = Some(Frequency { step: candidate.at, variance: INTERPOLATION_VARIANCE });
         let confirm = if self.config.tone_hz.is_some() || candidate.is_held { Self::HOLD } else { Self::CONFIRM };
         let fit = fit(state, codes);
-        let is_tone = fit.statistic >= confirm && candidate.is_line && self.in_band(candidate.at);
+        let is_tone = fit.statistic >= confirm * candidate.confirm && candidate.is_line && self.in_band(candidate.at);
         is_tone.then_some(fit)
     }
 
@@ -128,17 +151,26 @@ impl<const N: usize> Extractor<N> {
     ) -> Option<Fit> {
         let confirm = if self.config.tone_hz.is_some() { Self::HOLD } else { Self::CONFIRM };
         let refined = if candidate.is_worth_it { self.refine(state, codes, candidate.at, rounds) } else { None };
-        refined.filter(|fit| fit.statistic >= confirm)
+        refined.filter(|fit| fit.statistic >= confirm * candidate.confirm)
     }
 }
 
-/// Stores the residual power together with the measured floor. Above some 50 dB the floor in the spectrum is its own
-/// rounding.
-pub(super) fn remember_left_over<const N: usize>(state: &mut State<N>, levels: &[Level; CHANNELS], fit: &Fit) {
+/// Stores the residual power together with the measured floor. It replaces the floor in white noise where it is less, since above
+/// some 50 dB the floor in the spectrum is its own rounding, and where it is more: another line, too weak for the window, or a tone
+/// that does not last the whole frame.
+pub(super) fn remember_left_over<const N: usize>(
+    state: &mut State<N>,
+    levels: &[Level; CHANNELS],
+    fit: &Fit,
+    is_white: bool,
+) {
     state.left_over = left_over(&state.solver, levels, fit);
-    for (variance, left) in state.variance.iter_mut().zip(state.left_over) {
+    for ((variance, left), level) in state.variance.iter_mut().zip(state.left_over).zip(levels) {
         let residual = left / (N as f32 - 4.0);
-        if residual < 0.5 * *variance {
+        let is_less = is_white && residual < 0.5 * *variance;
+        // The window, and what is said of clipped waves, have their own accounts.
+        let is_more = residual > MORE * *variance && !state.interferer && level.clipped as usize * 100 <= N;
+        if is_less || is_more {
             *variance = residual.max(QUANTISATION);
         }
     }

@@ -15,9 +15,8 @@ pub(super) const LINE_THRESHOLD: f32 = 8.0;
 const LINES_MAX: usize = 12;
 /// A line's own bins either side, in Hann's window.
 const LOBE_BINS: usize = 3;
-/// Bins on either side from which a line has to stand out, and by how much.
-const SIDE_BINS: usize = 4;
-const LINE_RATIO: f32 = 6.0;
+/// Mean of the smaller of two bins of the statistic, each the mean of four exponential variables.
+const SMALLER_OF_TWO: f32 = 93.0 / 128.0;
 /// Squared error of a peak interpolated in the periodogram, in squared bins.
 pub(super) const INTERPOLATION_VARIANCE: f32 = 4e-4;
 
@@ -42,11 +41,11 @@ impl<const N: usize> Extractor<N> {
     /// Fills the workspace with the mean over the channels of power over floor, bin by bin.
     pub(super) fn statistics(&self, spectrum: &Spectrum<N>, floors: &[f32; CHANNELS], workspace: &mut [f32; N]) {
         workspace.fill(0.0);
-        for (channel, floor) in floors.iter().enumerate() {
-            let weight = power_of_two(spectrum.exponent(channel)) / (CHANNELS as f32 * floor);
-            for (sum, power) in workspace.iter_mut().skip(1).zip(spectrum.powers(channel)) {
-                *sum += power as f32 * weight;
-            }
+        for pair in [0, 1] {
+            let weights = [2 * pair, 2 * pair + 1].map(|channel| {
+                power_of_two(spectrum.exponent(channel)) / (CHANNELS as f32 * floors[channel % CHANNELS])
+            });
+            add_weighted(workspace, spectrum, pair, weights);
         }
     }
 
@@ -62,6 +61,14 @@ impl<const N: usize> Extractor<N> {
             }
         }
         Peak { bin, bins: interpolated(values, bin), statistic }
+    }
+}
+
+#[inline(never)]
+fn add_weighted<const N: usize>(sums: &mut [f32; N], spectrum: &Spectrum<N>, pair: usize, weights: [f32; 2]) {
+    for (sum, (first, second)) in sums.iter_mut().skip(1).zip(spectrum.pair_powers(pair)) {
+        *sum += first as f32 * weights[0];
+        *sum += second as f32 * weights[1];
     }
 }
 
@@ -92,16 +99,36 @@ pub(super) fn other_line<const N: usize>(values: &[f32; N], peak: &Peak) -> bool
     lines.into_iter().any(|(k, value)| *value > bound && k.abs_diff(peak.bin) > LOBE_BINS)
 }
 
-/// Whether a peak is this much above the quieter of its two sides: noise that is louder at some frequencies, as that
-/// of propellers, has maxima that are not lines.
-pub(super) fn stands_out<const N: usize>(values: &[f32; N], peak: &Peak) -> bool {
-    let mean = |from: usize| {
-        let side = values.iter().take(N / 2 - 1).skip(from.max(2)).take((from + SIDE_BINS).saturating_sub(from.max(2)));
-        let (sum, count) = side.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
-        if count > 0.0 { sum / count } else { f32::MAX }
-    };
-    let quieter = mean(peak.bin.saturating_sub(LOBE_BINS + SIDE_BINS - 1)).min(mean(peak.bin + LOBE_BINS));
-    peak.statistic > LINE_RATIO * quieter
+/// How much louder the noise is below and above a peak than the floor of the whole spectrum: 1 for white noise, and where the
+/// spectrum ends. Noise that is louder at some frequencies, as that of propellers, has maxima that are no lines.
+pub(super) fn louder_beside<const N: usize>(values: &[f32; N], peak: &Peak) -> [f32; 2] {
+    // A thirty-second of the sample rate over both sides; eight bins at least, for lines of three.
+    let half = (N / 64).max(4);
+    [peak.bin.saturating_sub(LOBE_BINS + 2 * half), peak.bin + LOBE_BINS + 1]
+        .map(|from| louder(values, peak, from, half))
+}
+
+/// One side of it, `2 half` bins from one on. Of two bins half a side apart the smaller counts, so that a line adds nothing but its
+/// skirts. What leaks from the peak itself is taken off, by Hann's window `(f (f^2 - 1) / (d (d^2 - 1)))^2` of it for a peak `f`
+/// from its bin.
+#[inline(never)]
+fn louder<const N: usize>(values: &[f32; N], peak: &Peak, from: usize, half: usize) -> f32 {
+    let passed = |bins: f32| bins * (bins * bins - 1.0);
+    let fraction = libm::fabsf(peak.bins - peak.bin as f32) + sqrt(INTERPOLATION_VARIANCE);
+    let leaking = peak.statistic * passed(fraction) * passed(fraction);
+    let without_leak = |value: f32, away: f32| value - leaking / (passed(away) * passed(away));
+    let side = if from < 2 { None } else { values.get(..N / 2 - 2).and_then(|below| below.get(from..from + 2 * half)) };
+    let Some((near, far)) = side.map(|side| side.split_at(half)) else { return 1.0 };
+    let (mut sum, mut away) = (0.0, from as f32 - peak.bins);
+    for (near, far) in near.iter().zip(far) {
+        let [near, far] = [without_leak(*near, away), without_leak(*far, away + half as f32)];
+        let smaller = if near < far { near } else { far };
+        if smaller > 0.0 {
+            sum += smaller;
+        }
+        away += 1.0;
+    }
+    sum / (half as f32 * SMALLER_OF_TWO)
 }
 
 /// Leakage of the other lines into each channel's phasor with Hann's window, as a variance in squared ADC units.

@@ -16,9 +16,13 @@
 //! [`SEARCH_THRESHOLD`] and then, after refinement and the fit, `s` must reach [`CONFIRM_THRESHOLD`]: in noise alone `s`
 //! is the mean of four exponential variables, and exceeds 7 in 3 of 10^9 bins.
 //!
+//! **Noise that is not white**, as behind a filter: where it is louder beside the peak than in the whole spectrum, the floors are
+//! raised by as much, and a new tone needs more. A hump of a few bins is not told from a tone.
+//!
 //! **Other lines.** With another line within 10 dB the fit is weighted by Hann's window: the variance is half as much
 //! again, but lines more than three bins away are suppressed to `sin pi d / (pi d (d^2 - 1))` of their amplitude,
-//! which [`Phasors::noise`] then includes. Every frame is then acquired anew.
+//! which [`Phasors::noise`] then includes. Every frame is then acquired anew. A weaker line counts as noise of the power
+//! that the fit leaves over.
 //!
 //! Cost of four channels, N = 256: bench rows `phasors` (products with a known reference), `spectrum` (periodogram),
 //! `phase_tracking`, `phase_renewing` (with the floor), `phase_first`; other libraries stand beside the first two.
@@ -184,6 +188,8 @@ pub struct State<const N: usize> {
     left_over: [f32; CHANNELS],
     /// Frames until the floor is due.
     floor_due_in: u8,
+    /// How much louder the noise is beside the peak than in the whole spectrum, smoothed.
+    beside: f32,
     interferer: bool,
     /// Variance of a phasor due to the interferers, per channel, in squared ADC units.
     leakage: [f32; CHANNELS],
@@ -200,6 +206,7 @@ impl<const N: usize> Default for State<N> {
             variance: [QUANTISATION; CHANNELS],
             left_over: [0.0; CHANNELS],
             floor_due_in: 0,
+            beside: 1.0,
             interferer: false,
             leakage: [0.0; CHANNELS],
         }
@@ -218,13 +225,14 @@ impl<const N: usize> State<N> {
             variance,
             left_over,
             floor_due_in,
+            beside,
             interferer,
             leakage,
         } = self;
         spectrum.clear();
         *reference = Reference::default();
         *solver = Solver::default();
-        (*tracked, *floor_due_in, *interferer) = (None, 0, false);
+        (*tracked, *floor_due_in, *beside, *interferer) = (None, 0, 1.0, false);
         (*floors, *variance) = ([QUANTISATION; CHANNELS], [QUANTISATION; CHANNELS]);
         (*left_over, *leakage) = ([0.0; CHANNELS], [0.0; CHANNELS]);
     }

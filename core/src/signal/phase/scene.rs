@@ -18,6 +18,8 @@ pub(super) struct Scene {
     pub(super) dc: [f64; CHANNELS],
     /// Bins, amplitude and phase of another tone.
     pub(super) other: [f64; 3],
+    /// What filters the noise: its power over that of white noise, by frequency in hertz.
+    pub(super) colour: Option<fn(f64) -> f64>,
 }
 
 impl Scene {
@@ -29,6 +31,7 @@ impl Scene {
             sigma,
             dc: [0.0; CHANNELS],
             other: [0.0; 3],
+            colour: None,
         }
     }
 
@@ -51,13 +54,15 @@ impl Scene {
 
     pub(super) fn frame<const N: usize>(&self, rng: &mut Rng) -> AdcFrame<N> {
         let mut frame = AdcFrame::zeroed();
+        let taps = self.colour.map(taps);
         for (channel, row) in frame.codes.iter_mut().enumerate() {
+            let noise = noise::<N>(taps.as_deref(), rng);
             for (n, code) in row.iter_mut().enumerate() {
                 let t = (n as f64 - (N as f64 - 1.0) / 2.0) * TAU / N as f64;
                 let value = self.dc[channel]
                     + self.amplitude[channel] * (self.bins * t + self.phases[channel]).cos()
                     + self.other[1] * (self.other[0] * t + self.other[2]).cos()
-                    + self.sigma * f64::from(rng.gaussian());
+                    + self.sigma * noise[n];
                 *code = value.round().clamp(-2048.0, 2047.0) as i16;
             }
         }
@@ -73,6 +78,27 @@ impl Scene {
     pub(super) fn bound<const N: usize>(&self) -> f64 {
         (2.0 * 2.0 * (self.sigma * self.sigma + 1.0 / 12.0) / (N as f64 * self.amplitude[0].powi(2))).sqrt()
     }
+}
+
+/// Taps of a filter.
+const TAPS: usize = 256;
+
+/// The filter without delay that gives white noise this power.
+fn taps(colour: fn(f64) -> f64) -> Vec<f64> {
+    let gain = |bin: usize| colour(bin as f64 * f64::from(RATE) / TAPS as f64).sqrt();
+    let tap = |n: usize| {
+        let wave = |bin: usize| (TAU * (bin * n) as f64 / TAPS as f64).cos();
+        let sum: f64 = (1..TAPS / 2).map(|bin| 2.0 * gain(bin) * wave(bin)).sum();
+        (gain(0) + sum + gain(TAPS / 2) * wave(TAPS / 2)) / TAPS as f64
+    };
+    (0..TAPS).map(|n| tap((n + TAPS / 2) % TAPS)).collect()
+}
+
+/// Noise of variance one, behind the filter.
+fn noise<const N: usize>(taps: Option<&[f64]>, rng: &mut Rng) -> Vec<f64> {
+    let taps = taps.unwrap_or(&[1.0]);
+    let white: Vec<f64> = (1..N + taps.len()).map(|_| f64::from(rng.gaussian())).collect();
+    white.windows(taps.len()).map(|past| past.iter().zip(taps).map(|(value, tap)| value * tap).sum()).collect()
 }
 
 pub(super) fn arg(z: Complex) -> f64 {

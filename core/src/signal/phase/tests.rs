@@ -111,6 +111,61 @@ fn noise_alone_raises_no_alarm_and_a_tone_at_minus_9_db_is_found() {
     assert!(missed < 20, "{missed} of 2000 missed");
 }
 
+/// Mean squared error of the phase differences over what the noise of the phasors predicts, once the noise has been heard for a while.
+fn honesty(extractor: &Extractor<256>, scene: Scene, rng: &mut Rng) -> f64 {
+    let (mut normalised, mut state) = (vec(), State::default());
+    for k in 0..600 {
+        let scene = scene.with_random_phases(rng);
+        let phasors = extractor.step(&mut state, &scene.frame(rng));
+        assert_eq!(phasors.tone, Tone::Present);
+        if k < 200 {
+            continue;
+        }
+        let variance = |m: usize| f64::from(phasors.noise[m] / (2.0 * phasors.z[m].norm_squared()));
+        normalised.extend(scene.errors(&phasors).iter().zip(1..).map(|(e, m)| e / (variance(m) + variance(0)).sqrt()));
+    }
+    rms(&normalised).powi(2)
+}
+
+/// Noise behind a filter, and the converter's own at a tenth of it.
+#[test]
+fn noise_behind_a_filter_is_no_tone_and_is_as_loud_as_it_is_beside_the_tone() {
+    let butterworth = |hz: f64| 0.1 + 1.0 / (1.0 + (hz / 30e3).powi(8));
+    let steep = |hz: f64| 0.01 + if (10e3..20e3).contains(&hz) { 1.0 } else { 0.0 };
+    let resonance = |hz: f64| 0.1 + 1.0 / (1.0 + (3.0 * (hz / 16.4e3 - 16.4e3 / hz.max(1.0))).powi(2));
+    // The filter, how many of 1000 frames of noise may be taken for a tone, and the honesty of a tone in it. A resonance is too narrow
+    // to be told from its sides.
+    let filters = [(butterworth as fn(f64) -> f64, 3, 0.8..1.3), (steep, 3, 0.8..1.3), (resonance, 20, 0.4..2.2)];
+    for (kind, (colour, allowed, range)) in filters.into_iter().enumerate() {
+        let mut rng = Rng::new(23, 0);
+        let mut scene = Scene { colour: Some(colour), ..Scene::silence(100.0) };
+        let extractor = Config::default().build::<256>().unwrap();
+        let heard = |rng: &mut Rng| extractor.step(&mut State::default(), &scene.frame(rng)).tone == Tone::Present;
+        let alarms = (0..1000).filter(|_| heard(&mut rng)).count();
+        assert!(alarms <= allowed, "filter {kind}: {alarms} of 1000 frames of noise");
+        for (bins, amplitude) in [(41.0, 300.0), (38.4, 1200.0), (30.3, 300.0)] {
+            (scene.bins, scene.amplitude) = (bins, [amplitude; CHANNELS]);
+            let honesty = honesty(&extractor, scene, &mut rng);
+            assert!(range.contains(&honesty), "filter {kind}, {amplitude} at {bins}: {honesty}");
+        }
+    }
+}
+
+/// A line that is too weak for the window is in the noise of the fit, as if it were noise.
+#[test]
+fn a_weak_line_beside_the_tone_is_in_its_noise() {
+    let mut rng = Rng::new(24, 0);
+    let extractor = extractor::<256>();
+    for away in [4.5, 6.5, 10.5, 30.5] {
+        for below_db in [11.0, 15.0, 20.0, 30.0] {
+            let scene = Scene::new(37.4, 1000.0, 22.0);
+            let other = [37.4 + away, scene.amplitude[0] * 10_f64.powf(-below_db / 20.0), 0.0];
+            let honesty = honesty(&extractor, Scene { other, ..scene }, &mut rng);
+            assert!(honesty < 1.3, "{away} bins away, {below_db} dB below: {honesty}");
+        }
+    }
+}
+
 #[test]
 fn the_noise_is_that_of_each_channel() {
     fn check<const N: usize>() {

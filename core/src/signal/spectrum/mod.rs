@@ -109,6 +109,12 @@ impl<const N: usize> Spectrum<N> {
         (1..N / 2).map(move |k| pair[if second { N - k } else { k } % N])
     }
 
+    /// Powers of the channels `2 pair` and `2 pair + 1`, as [`Self::powers`] has them.
+    pub(crate) fn pair_powers(&self, pair: usize) -> impl Iterator<Item = (u32, u32)> + '_ {
+        let (first, second) = self.pairs[pair % 2].split_at(N / 2);
+        first.iter().copied().skip(1).zip(second.iter().copied().skip(1).rev())
+    }
+
     /// The power of one channel at one bin, `1..N/2`, to be multiplied by two to [`Self::exponent`].
     #[must_use]
     pub fn power(&self, channel: usize, bin: usize) -> u32 {
