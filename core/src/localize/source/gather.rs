@@ -5,7 +5,7 @@
 //! and Bolles 1981, with every bearing tried): outliers stay outside as long as they do not agree with each other.
 //!
 //! Errors that are alike from bearing to bearing are not averaged away. Those by other paths of the wave are alike in the sightings of a
-//! second, each of which counts for less. A radio's, by its antennas and its site ([`Flags::ALIKE`]), are alike until the vehicle is
+//! second and a half, each of which counts for less. A radio's, by its antennas and its site ([`Flags::ALIKE`]), are alike until the vehicle is
 //! elsewhere: its bearings are gathered for a second, and a sighting counts for as much as the vehicle has moved meanwhile.
 
 use heapless::Vec;
@@ -23,12 +23,14 @@ pub const SIGHTING_S: f32 = 0.1;
 const BEARINGS_MAX: usize = 8;
 /// Directions agree when they are no farther apart than this and three of their sigmas: true ones turn as fast near the source.
 const APART_RAD: f32 = 0.1;
-/// So many sightings, one second of them, are alike in their errors by other paths.
-const ALIKE_SIGHTINGS: f32 = 10.0;
+/// So many sightings, a second and a half of them, are alike in their errors by other paths.
+const ALIKE_SIGHTINGS: f32 = 16.0;
 /// Time over which bearings with errors of the site are gathered.
 const SITE_S: f32 = 1.0;
 /// At places so far apart the errors of the site differ; recorded at places 3 m apart, they do (`docs/results/radios.md`).
 const SITE_M: f32 = 2.0;
+/// A sighting of a standing vehicle counts for one in so many.
+const STANDING_SIGHTINGS: f32 = 10.0;
 
 /// A bearing of the next sighting.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,7 +75,8 @@ impl Gathering {
         }
         let since_s = self.last_sighting.map_or(0.0, |last| at.seconds_since(last));
         let moved_m = self.heard.first().map_or(0.0, |first| place_ned_m.minus(first.place_ned_m).norm());
-        let alike = if is_of_site { between(SITE_M / (moved_m + 1e-3), 1.0, ALIKE_SIGHTINGS) } else { ALIKE_SIGHTINGS };
+        let alike =
+            if is_of_site { between(SITE_M / (moved_m + 1e-3), 1.0, STANDING_SIGHTINGS) } else { ALIKE_SIGHTINGS };
         let sighting = self.sighting(since_s, alike);
         self.heard.clear();
         (self.since, self.last_sighting) = (None, Some(at));
