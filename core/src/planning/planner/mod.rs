@@ -43,8 +43,8 @@ pub const SAMPLES: usize = 10;
 pub const GAINS_MIN: Gains = Gains { k_att: 0.05, k_rep: 0.005, influence_m: 0.05, swirl: 0.0 };
 /// Farthest temporary target (main paper, section IV: 2 m).
 pub const HORIZON_M: f32 = 2.0;
-/// Number of segments, from the start, that must keep the margin: those that may be flown before the next replan, and
-/// some more.
+/// Number of segments, from the start, that must keep the margin: those that are flown before the next replan with the default
+/// `replan_at_waypoint`, and one more. Where more are flown, the guard alone keeps the vehicle clear of what is near them.
 const CHECKED_SEGMENTS: usize = 6;
 
 /// Which planner.
