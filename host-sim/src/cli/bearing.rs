@@ -213,7 +213,10 @@ pub(super) fn calibration(cli: &Cli, args: &CalibrateCommand) -> Result<ExitCode
     let (text, report) = calibrate(&recording, &text, &options)?;
     output::write(&args.array, text.as_bytes())?;
     if report.interferer_frames > 0 {
-        warn(&format!("warning: in {} frames another line stands within 10 dB of the tone", report.interferer_frames));
+        warn(&format!(
+            "warning: in {} frames another line stands near the tone or within 10 dB of it",
+            report.interferer_frames
+        ));
     }
     if args.yaw.is_some() && report.deviation_max_deg.is_none() {
         cli.note("note: the frames do not go all around the circle: no deviation");

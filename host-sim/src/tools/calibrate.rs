@@ -64,7 +64,7 @@ pub struct Report {
     pub skew_s: Option<[f64; CHANNELS]>,
     /// Largest deviation over the circle, if the frames cover all of it.
     pub deviation_max_deg: Option<f64>,
-    /// Frames in which another line is within 10 dB of the tone.
+    /// Frames in which another line is within 10 dB of the tone or disturbs it.
     pub interferer_frames: usize,
     /// Check sum of the table.
     pub crc: String,

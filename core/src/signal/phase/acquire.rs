@@ -9,11 +9,8 @@ use crate::base::adc::CHANNELS;
 use crate::signal::spectrum::power_of_two;
 use crate::signal::spectrum::tone::Window;
 
-/// What the fit leaves over is this much more than the floor: not by chance.
-const MORE: f32 = 2.0;
-/// Weight of a measurement of the noise beside the peak.
-const SMOOTHING: f32 = 0.125;
-
+/// Weight of another measurement of the noise beside the same line.
+const SMOOTHING: f32 = 0.25;
 /// A line beside another one stands out by this from the noise at its quieter side.
 const LINE_RATIO: f32 = 6.0;
 
@@ -29,8 +26,8 @@ pub(super) struct Candidate {
     pub(super) is_worth_it: bool,
     /// Whether it stands out from its neighbourhood, not only from the floor of the whole spectrum.
     pub(super) is_line: bool,
-    /// Whether the noise beside it is as loud as elsewhere.
-    pub(super) is_white: bool,
+    /// How much louder the noise is beside it than in the whole spectrum.
+    pub(super) beside: f32,
     /// How much more than [`Extractor::CONFIRM`] a new tone needs here.
     pub(super) confirm: f32,
 }
@@ -38,6 +35,10 @@ pub(super) struct Candidate {
 impl<const N: usize> Extractor<N> {
     /// Noise beside a peak that is not louder than this is taken as white.
     const WHITE: f32 = 1.5 * (1.0 + 25.0 / N as f32);
+
+    fn unless_white(beside: f32) -> f32 {
+        if beside > Self::WHITE { beside } else { 1.0 }
+    }
 
     /// Evaluates the whole spectrum: floors, tone, other lines. `None` without a tone.
     pub(super) fn acquire(
@@ -67,7 +68,8 @@ impl<const N: usize> Extractor<N> {
         match &found {
             Some(fit) => {
                 state.floor_due_in = REFRESH - 1;
-                remember_left_over(state, levels, fit, candidate.is_white);
+                state.beside = candidate.beside;
+                remember_left_over(state, levels, fit);
             }
             None => {
                 state.tracked = before;
@@ -93,26 +95,28 @@ impl<const N: usize> Extractor<N> {
         let strongest = self.peak(workspace, self.band);
         let held = state.tracked.and_then(|tracked| self.held(workspace, tracked, &strongest));
         let peak = held.unwrap_or(strongest);
-        state.interferer = other_line(workspace, &peak);
-        let [below, above] = louder_beside(workspace, &peak);
-        // Another line has skirts at its side.
-        let measured = if state.interferer { below.min(above) } else { below.max(above) };
-        state.beside += SMOOTHING * (measured - state.beside);
-        let beside = if state.beside > Self::WHITE { state.beside } else { 1.0 };
+        let [is_comparable, disturbs] = other_line(workspace, &peak);
+        state.interferer = disturbs;
+        let at = (peak.bins * Self::STEPS_PER_BIN) as u32;
+        // Half blocks determine the frequency to within one bin only.
+        let is_near = state.tracked.is_some_and(|tracked| bins_between::<N>(tracked.step, at).abs() < 0.5);
+        let [quieter, louder] = louder_beside(workspace, &peak);
+        // A strong line has skirts at its side.
+        let measured = if is_comparable { quieter } else { louder };
+        let smoothed = if is_near { state.beside + SMOOTHING * (measured - state.beside) } else { measured };
+        let beside = Self::unless_white(smoothed);
         self.take_over_floors(state, &peak, beside);
         if state.interferer {
             state.leakage = leakage(&state.spectrum, workspace, &peak);
         }
-        let at = (peak.bins * Self::STEPS_PER_BIN) as u32;
         Candidate {
             at,
             is_held: held.is_some(),
-            // Half blocks determine the frequency to within one bin only.
-            is_near: state.tracked.is_some_and(|tracked| bins_between::<N>(tracked.step, at).abs() < 0.5),
+            is_near,
             is_worth_it: self.config.tone_hz.is_some() || peak.statistic >= SEARCH_THRESHOLD,
-            is_line: peak.statistic > LINE_RATIO * below.min(above),
-            is_white: beside <= 1.0,
-            confirm: (below.max(above) / beside).max(1.0),
+            is_line: peak.statistic > LINE_RATIO * quieter,
+            beside: smoothed,
+            confirm: (Self::unless_white(louder) / beside).max(1.0),
         }
     }
 
@@ -135,9 +139,10 @@ impl<const N: usize> Extractor<N> {
     ) -> Option<Fit> {
         tune(state, candidate.at, Window::Hann);
         state.tracked = Some(Frequency { step: candidate.at, variance: INTERPOLATION_VARIANCE });
-        let confirm = if self.config.tone_hz.is_some() || candidate.is_held { Self::HOLD } else { Self::CONFIRM };
+        let is_new = self.config.tone_hz.is_none() && !candidate.is_held;
+        let confirm = if is_new { Self::CONFIRM * candidate.confirm } else { Self::HOLD };
         let fit = fit(state, codes);
-        let is_tone = fit.statistic >= confirm * candidate.confirm && candidate.is_line && self.in_band(candidate.at);
+        let is_tone = fit.statistic >= confirm && candidate.is_line && self.in_band(candidate.at);
         is_tone.then_some(fit)
     }
 
@@ -149,28 +154,19 @@ impl<const N: usize> Extractor<N> {
         candidate: &Candidate,
         rounds: u8,
     ) -> Option<Fit> {
-        let confirm = if self.config.tone_hz.is_some() { Self::HOLD } else { Self::CONFIRM };
+        let confirm = if self.config.tone_hz.is_some() { Self::HOLD } else { Self::CONFIRM * candidate.confirm };
         let refined = if candidate.is_worth_it { self.refine(state, codes, candidate.at, rounds) } else { None };
-        refined.filter(|fit| fit.statistic >= confirm * candidate.confirm)
+        refined.filter(|fit| fit.statistic >= confirm)
     }
 }
 
-/// Stores the residual power together with the measured floor. It replaces the floor in white noise where it is less, since above
-/// some 50 dB the floor in the spectrum is its own rounding, and where it is more: another line, too weak for the window, or a tone
-/// that does not last the whole frame.
-pub(super) fn remember_left_over<const N: usize>(
-    state: &mut State<N>,
-    levels: &[Level; CHANNELS],
-    fit: &Fit,
-    is_white: bool,
-) {
+/// Stores the residual power together with the measured floor. Above some 50 dB the floor in the spectrum is its own
+/// rounding.
+pub(super) fn remember_left_over<const N: usize>(state: &mut State<N>, levels: &[Level; CHANNELS], fit: &Fit) {
     state.left_over = left_over(&state.solver, levels, fit);
-    for ((variance, left), level) in state.variance.iter_mut().zip(state.left_over).zip(levels) {
+    for (variance, left) in state.variance.iter_mut().zip(state.left_over) {
         let residual = left / (N as f32 - 4.0);
-        let is_less = is_white && residual < 0.5 * *variance;
-        // The window, and what is said of clipped waves, have their own accounts.
-        let is_more = residual > MORE * *variance && !state.interferer && level.clipped as usize * 100 <= N;
-        if is_less || is_more {
+        if residual < 0.5 * *variance && state.beside <= Extractor::<N>::WHITE {
             *variance = residual.max(QUANTISATION);
         }
     }

@@ -1,9 +1,12 @@
 //! Lines in the periodogram: peaks, which of them is the tone, and the leakage of the others into its phasors.
 
+use core::ops::Range;
+
 use super::Extractor;
 use super::follow::Frequency;
 use crate::base::adc::CHANNELS;
 use crate::base::math::sqrt;
+use crate::base::sort::nth;
 use crate::base::units::sin_cos;
 use crate::signal::spectrum::{Spectrum, power_of_two};
 
@@ -15,8 +18,10 @@ pub(super) const LINE_THRESHOLD: f32 = 8.0;
 const LINES_MAX: usize = 12;
 /// A line's own bins either side, in Hann's window.
 const LOBE_BINS: usize = 3;
-/// Mean of the smaller of two bins of the statistic, each the mean of four exponential variables.
-const SMALLER_OF_TWO: f32 = 93.0 / 128.0;
+/// A peak's share in the bin `d` away is at most half of this over `d^6`, where that is more than three bins.
+const SKIRT: f32 = 0.8;
+/// The largest number of bins on one side of a peak in which the noise is measured.
+const SIDE_BINS_MAX: usize = 40;
 /// Squared error of a peak interpolated in the periodogram, in squared bins.
 pub(super) const INTERPOLATION_VARIANCE: f32 = 4e-4;
 
@@ -92,43 +97,54 @@ fn interpolated<const N: usize>(values: &[f32; N], bin: usize) -> f32 {
     bin as f32 + side * (2.0 * ratio - 1.0) / (ratio + 1.0)
 }
 
-/// Whether there is another line, more than three bins from the peak and within 10 dB of it.
-pub(super) fn other_line<const N: usize>(values: &[f32; N], peak: &Peak) -> bool {
-    let bound = (COMPARABLE * peak.statistic).max(LINE_THRESHOLD);
-    let lines = values.iter().enumerate().take(N / 2 - 1).skip(2);
-    lines.into_iter().any(|(k, value)| *value > bound && k.abs_diff(peak.bin) > LOBE_BINS)
+/// Whether there is another line, more than three bins from the peak: within 10 dB of it; or at all such that it disturbs a fit
+/// without a window. That passes `1 / (pi d)^2` of its power `d` bins away, here more than a quarter of the noise.
+pub(super) fn other_line<const N: usize>(values: &[f32; N], peak: &Peak) -> [bool; 2] {
+    let bound = COMPARABLE * peak.statistic;
+    let (mut is_comparable, mut disturbs) = (false, false);
+    for (k, value) in values.iter().enumerate().take(N / 2 - 1).skip(2) {
+        let bins = k.abs_diff(peak.bin);
+        if *value > LINE_THRESHOLD && bins > LOBE_BINS {
+            let away = bins as f32;
+            let skirt = peak.statistic * SKIRT / (away * away * away * away * away * away);
+            is_comparable |= *value > bound;
+            disturbs |= *value - skirt > 0.25 * core::f32::consts::PI * core::f32::consts::PI * away * away;
+        }
+    }
+    [is_comparable, is_comparable || disturbs]
 }
 
-/// How much louder the noise is below and above a peak than the floor of the whole spectrum: 1 for white noise, and where the
-/// spectrum ends. Noise that is louder at some frequencies, as that of propellers, has maxima that are no lines.
+/// How much louder the noise is beside a peak than the floor of the whole spectrum, at the quieter side and at the louder one: about
+/// 1 for white noise. Noise that is louder at some frequencies, as that of propellers, has maxima that are no lines. A side that
+/// of less than two bins within the spectrum counts as the other one.
 pub(super) fn louder_beside<const N: usize>(values: &[f32; N], peak: &Peak) -> [f32; 2] {
-    // A thirty-second of the sample rate over both sides; eight bins at least, for lines of three.
-    let half = (N / 64).max(4);
-    [peak.bin.saturating_sub(LOBE_BINS + 2 * half), peak.bin + LOBE_BINS + 1]
-        .map(|from| louder(values, peak, from, half))
+    // A twenty-fifth of the sample rate on either side: with 256 samples, half of the bins are not of one line's.
+    let reach = (5 * N / 128).clamp(6, SIDE_BINS_MAX);
+    let (below, above) = ((peak.bin + 1).saturating_sub(LOBE_BINS), peak.bin + LOBE_BINS);
+    let below = louder(values, peak, below.saturating_sub(reach).max(2)..below);
+    let above = louder(values, peak, above..(above + reach).min(N / 2 - 2));
+    match (below, above) {
+        (Some(below), Some(above)) => [below.min(above), below.max(above)],
+        (one, other) => [one.or(other).unwrap_or(1.0); 2],
+    }
 }
 
-/// One side of it, `2 half` bins from one on. Of two bins half a side apart the smaller counts, so that a line adds nothing but its
-/// skirts. What leaks from the peak itself is taken off, by Hann's window `(f (f^2 - 1) / (d (d^2 - 1)))^2` of it for a peak `f`
-/// from its bin.
+/// The median of some bins. What leaks from the peak itself is taken off, by Hann's window `(f (f^2 - 1) / (d (d^2 - 1)))^2` of
+/// it for a peak `f` from its bin.
 #[inline(never)]
-fn louder<const N: usize>(values: &[f32; N], peak: &Peak, from: usize, half: usize) -> f32 {
+fn louder<const N: usize>(values: &[f32; N], peak: &Peak, side: Range<usize>) -> Option<f32> {
     let passed = |bins: f32| bins * (bins * bins - 1.0);
     let fraction = libm::fabsf(peak.bins - peak.bin as f32) + sqrt(INTERPOLATION_VARIANCE);
     let leaking = peak.statistic * passed(fraction) * passed(fraction);
-    let without_leak = |value: f32, away: f32| value - leaking / (passed(away) * passed(away));
-    let side = if from < 2 { None } else { values.get(..N / 2 - 2).and_then(|below| below.get(from..from + 2 * half)) };
-    let Some((near, far)) = side.map(|side| side.split_at(half)) else { return 1.0 };
-    let (mut sum, mut away) = (0.0, from as f32 - peak.bins);
-    for (near, far) in near.iter().zip(far) {
-        let [near, far] = [without_leak(*near, away), without_leak(*far, away + half as f32)];
-        let smaller = if near < far { near } else { far };
-        if smaller > 0.0 {
-            sum += smaller;
-        }
+    let mut away = side.start as f32 - peak.bins;
+    let mut noise = [0.0; SIDE_BINS_MAX];
+    let mut count = 0;
+    for (noise, value) in noise.iter_mut().zip(values.get(side)?) {
+        *noise = (value - leaking / (passed(away) * passed(away))).max(0.0);
         away += 1.0;
+        count += 1;
     }
-    sum / (half as f32 * SMALLER_OF_TWO)
+    nth(noise.get_mut(..count).filter(|noise| noise.len() > 1)?, count / 2)
 }
 
 /// Leakage of the other lines into each channel's phasor with Hann's window, as a variance in squared ADC units.

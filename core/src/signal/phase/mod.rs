@@ -17,12 +17,11 @@
 //! is the mean of four exponential variables, and exceeds 7 in 3 of 10^9 bins.
 //!
 //! **Noise that is not white**, as behind a filter: where it is louder beside the peak than in the whole spectrum, the floors are
-//! raised by as much, and a new tone needs more. A hump of a few bins is not told from a tone.
+//! raised by as much, and a new tone needs as much more. A hump of a few bins is not told from a tone.
 //!
-//! **Other lines.** With another line within 10 dB the fit is weighted by Hann's window: the variance is half as much
-//! again, but lines more than three bins away are suppressed to `sin pi d / (pi d (d^2 - 1))` of their amplitude,
-//! which [`Phasors::noise`] then includes. Every frame is then acquired anew. A weaker line counts as noise of the power
-//! that the fit leaves over.
+//! **Other lines.** With another line within 10 dB, or one that would disturb it, the fit is weighted by Hann's window: the
+//! variance is half as much again, but lines more than three bins away are suppressed to `sin pi d / (pi d (d^2 - 1))` of their
+//! amplitude, which [`Phasors::noise`] then includes. Every frame is then acquired anew.
 //!
 //! Cost of four channels, N = 256: bench rows `phasors` (products with a known reference), `spectrum` (periodogram),
 //! `phase_tracking`, `phase_renewing` (with the floor), `phase_first`; other libraries stand beside the first two.
@@ -81,7 +80,7 @@ pub struct Phasors {
     pub tone: Tone,
     /// More than 1 % of some channel's samples are at a rail.
     pub clipped: bool,
-    /// There is another line in the spectrum, within 10 dB of the tone.
+    /// There is another line in the spectrum, within 10 dB of the tone or disturbing it.
     pub interferer: bool,
 }
 
@@ -188,7 +187,7 @@ pub struct State<const N: usize> {
     left_over: [f32; CHANNELS],
     /// Frames until the floor is due.
     floor_due_in: u8,
-    /// How much louder the noise is beside the peak than in the whole spectrum, smoothed.
+    /// How much louder the noise is beside the tone than in the whole spectrum, smoothed over the measurements since it is tracked.
     beside: f32,
     interferer: bool,
     /// Variance of a phasor due to the interferers, per channel, in squared ADC units.

@@ -127,28 +127,57 @@ fn honesty(extractor: &Extractor<256>, scene: Scene, rng: &mut Rng) -> f64 {
     rms(&normalised).powi(2)
 }
 
-/// Noise behind a filter, and the converter's own at a tenth of it.
+/// Frames of noise alone, of a thousand, in which a receiver that has just been switched on hears a tone.
+fn alarms<const N: usize>(colour: fn(f64) -> f64) -> usize {
+    let mut rng = Rng::new(23, 0);
+    let scene = Scene { colour: Some(colour), ..Scene::silence(100.0) };
+    let extractor = Config::default().build::<N>().unwrap();
+    (0..1000).filter(|_| extractor.step(&mut State::default(), &scene.frame(&mut rng)).tone == Tone::Present).count()
+}
+
+/// Noise behind a filter, and the converter's own at a tenth of it or less.
 #[test]
 fn noise_behind_a_filter_is_no_tone_and_is_as_loud_as_it_is_beside_the_tone() {
     let butterworth = |hz: f64| 0.1 + 1.0 / (1.0 + (hz / 30e3).powi(8));
     let steep = |hz: f64| 0.01 + if (10e3..20e3).contains(&hz) { 1.0 } else { 0.0 };
+    let low = |hz: f64| 0.03 + if hz < 4.8e3 { 1.0 } else { 0.0 };
     let resonance = |hz: f64| 0.1 + 1.0 / (1.0 + (3.0 * (hz / 16.4e3 - 16.4e3 / hz.max(1.0))).powi(2));
-    // The filter, how many of 1000 frames of noise may be taken for a tone, and the honesty of a tone in it. A resonance is too narrow
-    // to be told from its sides.
-    let filters = [(butterworth as fn(f64) -> f64, 3, 0.8..1.3), (steep, 3, 0.8..1.3), (resonance, 20, 0.4..2.2)];
+    // The filter, how many of 1000 frames of noise may be taken for a tone, and the honesty of a tone in it. The lowest bins have
+    // no noise below them, and a resonance is too narrow to be told from its sides.
+    let filters = [
+        (butterworth as fn(f64) -> f64, 3, 0.6..1.3),
+        (steep, 3, 0.6..1.3),
+        (low, 60, 0.6..1.3),
+        (resonance, 10, 0.4..2.0),
+    ];
     for (kind, (colour, allowed, range)) in filters.into_iter().enumerate() {
-        let mut rng = Rng::new(23, 0);
-        let mut scene = Scene { colour: Some(colour), ..Scene::silence(100.0) };
+        let heard = alarms::<256>(colour);
+        assert!(heard <= allowed, "filter {kind}: {heard} of 1000 frames of noise");
+        let heard = alarms::<1024>(colour);
+        assert!(heard <= 3, "filter {kind}: {heard} of 1000 longer frames of noise");
         let extractor = Config::default().build::<256>().unwrap();
-        let heard = |rng: &mut Rng| extractor.step(&mut State::default(), &scene.frame(rng)).tone == Tone::Present;
-        let alarms = (0..1000).filter(|_| heard(&mut rng)).count();
-        assert!(alarms <= allowed, "filter {kind}: {alarms} of 1000 frames of noise");
-        for (bins, amplitude) in [(41.0, 300.0), (38.4, 1200.0), (30.3, 300.0)] {
-            (scene.bins, scene.amplitude) = (bins, [amplitude; CHANNELS]);
+        let mut rng = Rng::new(23, 1);
+        for (bins, amplitude) in
+            [(41.0, 300.0), (38.4, 1200.0), (30.3, 300.0), (80.3, 300.0), (7.4, 1200.0), (25.5, 600.0)]
+        {
+            let scene = Scene { colour: Some(colour), bins, amplitude: [amplitude; CHANNELS], ..Scene::silence(100.0) };
             let honesty = honesty(&extractor, scene, &mut rng);
             assert!(range.contains(&honesty), "filter {kind}, {amplitude} at {bins}: {honesty}");
         }
     }
+}
+
+/// A tone whose frequency is known is heard beside a line that is 30 dB stronger.
+#[test]
+fn beside_a_much_stronger_line_a_known_tone_is_heard() {
+    let extractor = Config { tone_hz: Some(37.4 * 400.0), ..open_config() }.build::<256>().unwrap();
+    let mut rng = Rng::new(25, 0);
+    let scene = Scene { other: [45.4, 950.0, 0.0], ..Scene::new(37.4, 30.0, 21.0) };
+    let heard = |rng: &mut Rng| {
+        let scene = scene.with_random_phases(rng);
+        extractor.step(&mut State::default(), &scene.frame(rng)).tone == Tone::Present
+    };
+    assert_eq!((0..100).filter(|_| heard(&mut rng)).count(), 100);
 }
 
 /// A line that is too weak for the window is in the noise of the fit, as if it were noise.
@@ -161,7 +190,7 @@ fn a_weak_line_beside_the_tone_is_in_its_noise() {
             let scene = Scene::new(37.4, 1000.0, 22.0);
             let other = [37.4 + away, scene.amplitude[0] * 10_f64.powf(-below_db / 20.0), 0.0];
             let honesty = honesty(&extractor, Scene { other, ..scene }, &mut rng);
-            assert!(honesty < 1.3, "{away} bins away, {below_db} dB below: {honesty}");
+            assert!((0.35..1.4).contains(&honesty), "{away} bins away, {below_db} dB below: {honesty}");
         }
     }
 }
