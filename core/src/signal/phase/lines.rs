@@ -43,14 +43,15 @@ impl<const N: usize> Extractor<N> {
         (apart && near.statistic >= COMPARABLE * strongest.statistic).then_some(near)
     }
 
-    /// Fills the workspace with the mean over the channels of power over floor, bin by bin.
+    /// Fills the workspace with the mean over the channels of power over floor, from bin 1 to N/2 - 1.
+    #[inline(never)]
     pub(super) fn statistics(&self, spectrum: &Spectrum<N>, floors: &[f32; CHANNELS], workspace: &mut [f32; N]) {
-        workspace.fill(0.0);
-        for pair in [0, 1] {
-            let weights = [2 * pair, 2 * pair + 1].map(|channel| {
-                power_of_two(spectrum.exponent(channel)) / (CHANNELS as f32 * floors[channel % CHANNELS])
-            });
-            add_weighted(workspace, spectrum, pair, weights);
+        let [a, b, c, d] = core::array::from_fn(|channel| {
+            power_of_two(spectrum.exponent(channel)) / (CHANNELS as f32 * floors[channel % CHANNELS])
+        });
+        let powers = spectrum.pair_powers(0).zip(spectrum.pair_powers(1));
+        for (sum, ((first, second), (third, fourth))) in workspace.iter_mut().skip(1).zip(powers) {
+            *sum = first as f32 * a + second as f32 * b + third as f32 * c + fourth as f32 * d;
         }
     }
 
@@ -66,14 +67,6 @@ impl<const N: usize> Extractor<N> {
             }
         }
         Peak { bin, bins: interpolated(values, bin), statistic }
-    }
-}
-
-#[inline(never)]
-fn add_weighted<const N: usize>(sums: &mut [f32; N], spectrum: &Spectrum<N>, pair: usize, weights: [f32; 2]) {
-    for (sum, (first, second)) in sums.iter_mut().skip(1).zip(spectrum.pair_powers(pair)) {
-        *sum += first as f32 * weights[0];
-        *sum += second as f32 * weights[1];
     }
 }
 
