@@ -144,7 +144,7 @@ pub struct Output {
     pub landing: Option<landing::Output>,
     /// What the guard did.
     pub guard: guard::Action,
-    /// Counts of the guard; its beats show that it is running.
+    /// Counts of the guard.
     pub guard_counts: guard::Counts,
     /// A plan is requested; [`State::request`] has the request.
     pub plan_requested: bool,

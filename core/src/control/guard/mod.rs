@@ -129,8 +129,6 @@ pub struct GuardInput {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Counts {
-    /// Steps: grows as long as the guard runs, in control or not. Wraps.
-    pub beats: u32,
     /// Commands that passed.
     pub passed: u32,
     /// Commands that were slowed or deflected.
@@ -206,15 +204,13 @@ impl State {
         self.coverage.level(Some(down_m));
     }
 
-    /// A step out of control: the next command starts from rest; the coverage is kept at the same altitude, and the step is
-    /// counted.
+    /// A step out of control: the next command starts from rest; the coverage is kept at the same altitude.
     pub fn release(&mut self, down_m: Option<f32>) {
         self.command_ned_mps = Horizontal::default();
         self.change_ned_mps = Horizontal::default();
         self.down_mps = 0.0;
         self.coverage.leave();
         self.coverage.level(down_m);
-        self.counts.beats = self.counts.beats.wrapping_add(1);
     }
 }
 
@@ -272,7 +268,6 @@ impl Guard {
             if sane { self.horizontal(state, demand, input, obstacles, dt_s).unwrap_or(braked) } else { braked };
 
         let counts = &mut state.counts;
-        counts.beats = counts.beats.wrapping_add(1);
         let count = match action {
             Action::Passed => &mut counts.passed,
             Action::Limited => &mut counts.limited,
