@@ -13,6 +13,8 @@ use foxhound_tests::root;
 use serde_json::{Value, json};
 
 const FLIGHTS: u64 = 40;
+/// Among walls a flight has few samples, which are off together: of 40 flights behind a corner the median is 0.8 to 2.2 by chance.
+const AMONG_WALLS: u64 = 200;
 /// A position is compared as often as this, where its range is known to this share.
 const EVERY_S: f64 = 0.5;
 const RANGE_KNOWN: f32 = 0.3;
@@ -30,12 +32,12 @@ struct Row {
 
 impl Row {
     /// Flies a scenario on held-out seeds, with other fields where `over` has them.
-    fn fly(file: &str, over: &Value) -> Self {
+    fn fly(file: &str, over: &Value, flights: u64) -> Self {
         let mut world: Value = serde_json::from_str(&std::fs::read_to_string(root().join(file)).unwrap()).unwrap();
         world.as_object_mut().unwrap().extend(over.as_object().unwrap().clone());
         let scenario = Scenario::parse(&world.to_string()).unwrap();
         let mut row = Self::default();
-        seeds::test(FLIGHTS).for_each(|seed| row.fly_once(scenario.clone(), seed));
+        seeds::test(flights).for_each(|seed| row.fly_once(scenario.clone(), seed));
         row
     }
 
@@ -105,14 +107,17 @@ fn in_line_of_sight_the_belief_errs_as_much_as_it_says() {
         ("forest, 20 dB", forest, &good, 1.25, 0.2),
         ("forest, sigma 5 deg", forest, &poor, 1.25, 0.8),
         ("forest, two of five from anywhere", forest, &outliers, 2.0, 1.0),
+    ];
+    let among_walls = [
         ("corridor", "tests/scenarios/corridor.json", &as_it_is, 3.0, 2.0),
         ("around the corner", "scenarios/around_the_corner.json", &as_it_is, 25.0, 2.0),
     ];
+    let rows = rows.map(|row| (row, FLIGHTS)).into_iter().chain(among_walls.map(|row| (row, AMONG_WALLS)));
     let mut broken = Vec::new();
-    for (name, file, over, mean_max, error_max_m) in rows {
-        let row = Row::fly(file, over);
+    for ((name, file, over, mean_max, error_max_m), flights) in rows {
+        let row = Row::fly(file, over, flights);
         println!(
-            "| {name} | {} | {:.2} | {:.2} | {:.2} | {:.2} | {} of {FLIGHTS} | {:.1} |",
+            "| {name} | {} | {:.2} | {:.2} | {:.2} | {:.2} | {} of {flights} | {:.1} |",
             row.nees.len(),
             mean(&row.nees),
             median(&row.nees),
