@@ -4,8 +4,8 @@
 //! Averaged are the bearings that agree with the one that most of the others agree with (a consensus set, as in RANSAC, Fischler
 //! and Bolles 1981, with every bearing tried): outliers stay outside as long as they do not agree with each other.
 //!
-//! Errors that are alike from bearing to bearing are not averaged away. Those by other paths of the wave are alike in the sightings of a
-//! second and a half, each of which counts for less. A radio's, by its antennas and its site ([`Flags::ALIKE`]), are alike until the vehicle is
+//! Errors that are alike from bearing to bearing are not averaged away. Those by other paths of the wave are alike in the sightings of one
+//! or two seconds, each of which counts for less. A radio's, by its antennas and its site ([`Flags::ALIKE`]), are alike until the vehicle is
 //! elsewhere: its bearings are gathered for a second, and a sighting counts for as much as the vehicle has moved meanwhile.
 
 use heapless::Vec;
@@ -23,14 +23,13 @@ pub const SIGHTING_S: f32 = 0.1;
 const BEARINGS_MAX: usize = 8;
 /// Directions agree when they are no farther apart than this and three of their sigmas: true ones turn as fast near the source.
 const APART_RAD: f32 = 0.1;
-/// So many sightings, a second and a half of them, are alike in their errors by other paths.
-const ALIKE_SIGHTINGS: f32 = 16.0;
+/// So many sightings, about one second of them, are alike in their errors by other paths, and so many between walls.
+const ALIKE_SIGHTINGS: f32 = 10.0;
+const BETWEEN_WALLS_SIGHTINGS: f32 = 16.0;
 /// Time over which bearings with errors of the site are gathered.
 const SITE_S: f32 = 1.0;
 /// At places so far apart the errors of the site differ; recorded at places 3 m apart, they do (`docs/results/radios.md`).
 const SITE_M: f32 = 2.0;
-/// A sighting of a standing vehicle counts for one in so many.
-const STANDING_SIGHTINGS: f32 = 10.0;
 
 /// A bearing of the next sighting.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,8 +57,14 @@ pub struct Gathering {
 }
 
 impl Gathering {
-    /// Adds a bearing with its direction, a unit vector; returns the sighting when it is complete.
-    pub fn add(&mut self, bearing: &Bearing, direction_ned: Horizontal, place_ned_m: Horizontal) -> Option<Sighting> {
+    /// Adds a bearing with its direction, a unit vector; returns the sighting when it is complete. `has_walls`: some are known.
+    pub fn add(
+        &mut self,
+        bearing: &Bearing,
+        direction_ned: Horizontal,
+        place_ned_m: Horizontal,
+        has_walls: bool,
+    ) -> Option<Sighting> {
         let at = bearing.time;
         let since = *self.since.get_or_insert(at);
         let alike_rad2 = bearing.alike_rad() * bearing.alike_rad();
@@ -75,8 +80,11 @@ impl Gathering {
         }
         let since_s = self.last_sighting.map_or(0.0, |last| at.seconds_since(last));
         let moved_m = self.heard.first().map_or(0.0, |first| place_ned_m.minus(first.place_ned_m).norm());
-        let alike =
-            if is_of_site { between(SITE_M / (moved_m + 1e-3), 1.0, STANDING_SIGHTINGS) } else { ALIKE_SIGHTINGS };
+        let alike = match (is_of_site, has_walls) {
+            (true, _) => between(SITE_M / (moved_m + 1e-3), 1.0, ALIKE_SIGHTINGS),
+            (false, true) => BETWEEN_WALLS_SIGHTINGS,
+            (false, false) => ALIKE_SIGHTINGS,
+        };
         let sighting = self.sighting(since_s, alike);
         self.heard.clear();
         (self.since, self.last_sighting) = (None, Some(at));
@@ -130,7 +138,7 @@ mod tests {
         for k in 0..13_u64 {
             let north = Horizontal { north: k as f32, east: 0.0 };
             let turned = Horizontal::from_bearing(if k % 2 == 0 { 0.1 } else { -0.1 });
-            sightings.extend(gathering.add(&bearing(k, 0.06, Flags::default()), turned, north));
+            sightings.extend(gathering.add(&bearing(k, 0.06, Flags::default()), turned, north, false));
         }
         assert_eq!(sightings.len(), 2);
         let [first, second] = [sightings[0], sightings[1]];
@@ -148,6 +156,7 @@ mod tests {
                 &bearing(k as u64, 0.02, Flags::default()),
                 Horizontal::from_bearing(azimuth_rad),
                 Horizontal::default(),
+                false,
             )
         };
         let sighting = azimuths_rad.into_iter().enumerate().filter_map(add).next().unwrap();
@@ -159,7 +168,7 @@ mod tests {
     fn errors_by_other_paths_are_not_averaged_away() {
         let sigma_rad = |flags: Flags| {
             let mut gathering = Gathering::default();
-            let add = |k| gathering.add(&bearing(k, 0.1, flags), NORTH, Horizontal::default());
+            let add = |k| gathering.add(&bearing(k, 0.1, flags), NORTH, Horizontal::default(), false);
             (0..6).filter_map(add).next().unwrap().sigma_rad
         };
         assert!(sigma_rad(Flags::MULTIPATH) > 0.2 && sigma_rad(Flags::default()) < 0.05);
@@ -182,7 +191,7 @@ mod tests {
             let true_rad = source.minus(place).bearing_rad();
             let off_rad = bias_rad * libm::sinf(2.0 * (true_rad - nose_rad) + phase_rad) + noise_rad * rng.gaussian();
             let one = Bearing { time: Instant(k * 100_000), ..bearing(0, 0.094, flags) };
-            let sighting = gathering.add(&one, Horizontal::from_bearing(true_rad + off_rad), place);
+            let sighting = gathering.add(&one, Horizontal::from_bearing(true_rad + off_rad), place, false);
             answer = sighting.and_then(|sighting| bank.step(&mut state, &sighting, 0.0, &[])).or(answer);
         }
         let estimate = answer.unwrap().estimate;
