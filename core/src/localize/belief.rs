@@ -98,7 +98,9 @@ impl Localizer {
         if let Some(bearing_ned_rad) = bearing_ned_rad {
             let place_ned_m = ownship.position_ned_m.horizontal();
             let direction_ned = Horizontal::from_bearing(bearing_ned_rad);
-            if let Some(sighting) = state.gathering.add(bearing, direction_ned, place_ned_m, !walls.is_empty()) {
+            if let Some(sighting) =
+                state.gathering.add(bearing, direction_ned, place_ned_m, state.reflections == Reflections::Supposed)
+            {
                 self.add(state, &sighting, walls);
             }
         }

@@ -23,9 +23,10 @@ pub const SIGHTING_S: f32 = 0.1;
 const BEARINGS_MAX: usize = 8;
 /// Directions agree when they are no farther apart than this and three of their sigmas: true ones turn as fast near the source.
 const APART_RAD: f32 = 0.1;
-/// So many sightings, about one second of them, are alike in their errors by other paths, and so many between walls.
+/// So many sightings, about one second of them, are alike in their errors by other paths, and so many once a reflection was among the
+/// hypotheses.
 const ALIKE_SIGHTINGS: f32 = 10.0;
-const BETWEEN_WALLS_SIGHTINGS: f32 = 16.0;
+const REFLECTED_SIGHTINGS: f32 = 16.0;
 /// Time over which bearings with errors of the site are gathered.
 const SITE_S: f32 = 1.0;
 /// At places so far apart the errors of the site differ; recorded at places 3 m apart, they do (`docs/results/radios.md`).
@@ -57,13 +58,14 @@ pub struct Gathering {
 }
 
 impl Gathering {
-    /// Adds a bearing with its direction, a unit vector; returns the sighting when it is complete. `has_walls`: some are known.
+    /// Adds a bearing with its direction, a unit vector; returns the sighting when it is complete. `has_reflections`: one was
+    /// supposed before.
     pub fn add(
         &mut self,
         bearing: &Bearing,
         direction_ned: Horizontal,
         place_ned_m: Horizontal,
-        has_walls: bool,
+        has_reflections: bool,
     ) -> Option<Sighting> {
         let at = bearing.time;
         let since = *self.since.get_or_insert(at);
@@ -80,9 +82,9 @@ impl Gathering {
         }
         let since_s = self.last_sighting.map_or(0.0, |last| at.seconds_since(last));
         let moved_m = self.heard.first().map_or(0.0, |first| place_ned_m.minus(first.place_ned_m).norm());
-        let alike = match (is_of_site, has_walls) {
+        let alike = match (is_of_site, has_reflections) {
             (true, _) => between(SITE_M / (moved_m + 1e-3), 1.0, ALIKE_SIGHTINGS),
-            (false, true) => BETWEEN_WALLS_SIGHTINGS,
+            (false, true) => REFLECTED_SIGHTINGS,
             (false, false) => ALIKE_SIGHTINGS,
         };
         let sighting = self.sighting(since_s, alike);
