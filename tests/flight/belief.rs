@@ -13,7 +13,7 @@ use foxhound_tests::root;
 use serde_json::{Value, json};
 
 const FLIGHTS: u64 = 40;
-/// Among walls a flight has few samples, which are off together: of 40 flights behind a corner the median is 0.8 to 2.2 by chance.
+/// Among walls a flight has few samples, which are off together: the median of 40 flights would be that of a few.
 const AMONG_WALLS: u64 = 200;
 /// A position is compared as often as this, where its range is known to this share.
 const EVERY_S: f64 = 0.5;

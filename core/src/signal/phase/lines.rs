@@ -90,8 +90,8 @@ fn interpolated<const N: usize>(values: &[f32; N], bin: usize) -> f32 {
     bin as f32 + side * (2.0 * ratio - 1.0) / (ratio + 1.0)
 }
 
-/// Whether there is another line, more than three bins from the peak: within 10 dB of it; or at all such that it disturbs a fit
-/// without a window. That passes `1 / (pi d)^2` of its power `d` bins away, here more than a quarter of the noise.
+/// Whether there is another line, more than three bins from the peak, within 10 dB of it; and whether there is such a line or one
+/// that disturbs a fit without a window: that passes `1 / (pi d)^2` of its power `d` bins away, here more than a quarter of the noise.
 pub(super) fn other_line<const N: usize>(values: &[f32; N], peak: &Peak) -> [bool; 2] {
     let bound = COMPARABLE * peak.statistic;
     let (mut is_comparable, mut disturbs) = (false, false);
@@ -108,7 +108,7 @@ pub(super) fn other_line<const N: usize>(values: &[f32; N], peak: &Peak) -> [boo
 }
 
 /// How much louder the noise is beside a peak than the floor of the whole spectrum, at the quieter side and at the louder one: about
-/// 1 for white noise. Noise that is louder at some frequencies, as that of propellers, has maxima that are no lines. A side that
+/// 1 for white noise. Noise that is louder at some frequencies, as that of propellers, has maxima that are no lines. A side
 /// of less than two bins within the spectrum counts as the other one.
 pub(super) fn louder_beside<const N: usize>(values: &[f32; N], peak: &Peak) -> [f32; 2] {
     // A twenty-fifth of the sample rate on either side: with 256 samples, half of the bins are not of one line's.
