@@ -33,14 +33,15 @@ def noise(seed):
 class Machine:
     """The board, with an image in its flash."""
 
-    def __init__(self, segments, seed=1, has_crystal=True):
+    def __init__(self, segments, seed=1, crystal="works", is_new=False):
         self.flash = bytearray(b"\xFF" * processor.FLASH_BYTES)
         for at, data in segments:
             require(processor.FLASH_AT <= at and at + len(data) <= processor.STORE_AT, "unmapped", f"a segment at {at:#010x}")
             self.flash[at - processor.FLASH_AT:at - processor.FLASH_AT + len(data)] = data
         self.ram = bytearray(processor.RAM_BYTES)
         self.seed = seed
-        self.has_crystal = has_crystal
+        self.crystal = crystal
+        self.is_new = is_new
         self.damaged = set()
         self.cut_in = None
         self.resets = []
@@ -64,7 +65,7 @@ class Machine:
         core.units, core.busy = self.units, self.busy
         self.blocks, self.channels = {}, {}
         flags = FLAGS[cause] | (self.rcc.value["CSR"] & 0xFF00_0000 if cause in ("software", "watchdog", "pin") else 0)
-        self.rcc = Rcc(self, HSE_HZ if self.has_crystal else None, flags)
+        self.rcc = Rcc(self, self.crystal, HSE_HZ, flags)
         self.iwdg = Iwdg(self)
         self.dmamux = Dmamux(self, "DMAMUX1")
         self.dma = [Dma(self, "DMA1"), Dma(self, "DMA2")]
@@ -83,11 +84,15 @@ class Machine:
 
     # What the peripherals ask the board
 
+    def boosts(self):
+        """Whether the regulator is in range 1 boost."""
+        return not self.blocks["PWR"].value["CR5"] >> 8 & 1
+
     def check_speed(self, hclk_hz):
         """HCLK against wait states and boost."""
         if "PWR" not in self.blocks:
             return
-        boosts = not self.blocks["PWR"].value["CR5"] >> 8 & 1
+        boosts = self.boosts()
         require(boosts or hclk_hz <= 150_000_000, "boost", f"HCLK {hclk_hz / 1e6} MHz, {self.core.where()}")
         steps = (34e6, 68e6, 102e6, 136e6, 170e6) if boosts else (30e6, 60e6, 90e6, 120e6, 150e6)
         waits = self.flash_block.value["ACR"] & 15

@@ -1,6 +1,6 @@
 """The board as a child process: a line of JSON in, a line of JSON out, bytes in hexadecimal.
 
-`python serve.py ELF [--seed N] [--no-crystal]` boots the image up to its first frame and answers with a report, as it does to
+`python serve.py ELF [--seed N] [--crystal missing|fails] [--new]` boots the image up to its first frame and answers with a report, as it does to
 
 | line | does |
 |---|---|
@@ -194,14 +194,15 @@ def main():
     parser = argparse.ArgumentParser(description="the NUCLEO-G474RE under Unicorn")
     parser.add_argument("elf")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--no-crystal", action="store_true")
+    parser.add_argument("--crystal", choices=("works", "missing", "fails"), default="works")
+    parser.add_argument("--new", action="store_true", help="with the option bytes as delivered")
     options = parser.parse_args()
     segments, board = read_elf(options.elf)
     if board != BOARD:
         raise SystemExit(f"{options.elf}: it is for another board, or not of Foxhound")
     session = None
     try:
-        session = Session(Machine(segments, options.seed, not options.no_crystal))
+        session = Session(Machine(segments, options.seed, options.crystal, options.new))
         session.boot()
         say(session.report())
         for text in sys.stdin:

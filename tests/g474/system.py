@@ -17,9 +17,10 @@ PROGRAM_US, ERASE_US = 84, 22_000
 
 
 class Rcc(Block):
-    def __init__(self, machine, hse_hz, flags):
+    def __init__(self, machine, crystal, hse_hz, flags):
         super().__init__(machine, "RCC")
-        self.hse_hz = hse_hz
+        self.crystal = crystal
+        self.hse_hz = hse_hz if crystal != "missing" else None
         self.ready_at = {}
         self.halved_at = None
         self.hse_from = None
@@ -67,12 +68,18 @@ class Rcc(Block):
             self.read_CR()
             require(self.is_ready(what), "clock-not-ready", f"the PLL is switched on before {on[:3]} is ready, {self.core.where()}")
             self.pll_hz()
+            if self.crystal == "fails" and what == "HSE":
+                self.crystal_fails()
+                return
         self.read_CR()
 
     def crystal_fails(self):
         """It stops: where the clock security system is on, SYSCLK comes from the HSI at once, and the NMI is raised."""
         self.read_CR()
-        if not self.field("CR", "CSSON") or not self.field("CR", "HSERDY"):
+        if not self.field("CR", "HSERDY"):
+            return
+        if not self.field("CR", "CSSON"):
+            self.ready_at["PLL"] = float("inf")
             return
         self.value["CR"] = self.value["CR"] & ~self.mask("CR", "HSEON", "CSSON", "PLLON") | self.mask("CR", "HSION")
         self.value["CFGR"] = self.value["CFGR"] & ~15 | 1 << 2 | 1
@@ -95,8 +102,9 @@ class Rcc(Block):
         factor = self.field("PLLCFGR", "PLLN")
         vco = into * factor
         out = vco / (2 * (self.field("PLLCFGR", "PLLR") + 1))
-        require(2.66e6 <= into <= 16e6 and 8 <= factor <= 127 and 96e6 <= vco <= 344e6 and out <= 170e6, "pll-range",
-                f"{into / 1e6} MHz, VCO {vco / 1e6} MHz, {out / 1e6} MHz")
+        out_max = 170e6 if self.machine.boosts() else 150e6
+        require(2.66e6 <= into <= 16e6 and 8 <= factor <= 127 and 96e6 <= vco <= 344e6 and out <= out_max, "pll-range",
+                f"{into / 1e6} MHz, VCO {vco / 1e6} MHz, {out / 1e6} of {out_max / 1e6} MHz")
         return round(out)
 
     def sysclk_hz(self, source):
@@ -166,6 +174,9 @@ class Flash(Block):
     def __init__(self, machine):
         super().__init__(machine, "FLASH")
         core, store = self.core, processor.STORE_AT
+        if not machine.is_new:
+            # What docs/hardware/bench.md has one do before anything else.
+            self.change("OPTR", "BOR_LEV", 4)
         self.keys = 0
         self.is_key_wrong = False
         self.first_word = None
@@ -260,7 +271,10 @@ class Flash(Block):
             self.damaged.add(first)
             raise Reset("cut")
         core.flash[first:first + 8] = word.to_bytes(8, "little")
-        self.damaged.discard(first)
+        if first in self.damaged:
+            # The part looks at the word first, and the manual does not say that this look raises nothing.
+            self.damaged.discard(first)
+            core.pending.add(processor.NMI)
         self.stall(PROGRAM_US)
 
     def is_cut(self):

@@ -17,7 +17,7 @@ use foxhound_link::framer::{Framer, Header};
 use foxhound_sim::autopilot::{Autopilot, Start};
 use foxhound_sim::drive::computer::{BLOCK, Computer, ComputerError, HostComputer, StepReport};
 use foxhound_sim::drive::flight::{self, Ending, Mission};
-use foxhound_sim::drive::g474::{Board, G474Computer, G474Error, Needs, Options, Report, Restarted, trial};
+use foxhound_sim::drive::g474::{Board, Crystal, G474Computer, G474Error, Needs, Options, Report, Restarted, trial};
 use foxhound_sim::drive::replay::replay;
 use foxhound_sim::scenario::{Scenario, Software};
 use foxhound_sim::world::Pose;
@@ -308,11 +308,33 @@ fn a_line_that_is_full_of_telemetry_noise_and_breaks_starves_nothing() {
 #[test]
 #[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
 fn without_a_crystal_it_runs_on_the_internal_oscillator_and_says_so() {
-    let mut bench = Bench::start(Options { seed: 3, no_crystal: true });
+    let mut bench = Bench::start(Options { seed: 3, crystal: Crystal::Missing, ..Options::default() });
     bench.seconds(5.0);
     assert_eq!(bench.causes(), [""; 0]);
     bench.assert_beats(4.0);
     assert!(bench.has_said("no crystal"), "{:?}", bench.texts);
+}
+
+/// As delivered, the chip runs on below its least supply.
+#[test]
+#[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
+fn a_board_whose_brown_out_level_is_not_set_says_so() {
+    for is_new in [true, false] {
+        let mut bench = Bench::start(Options { seed: 42, is_new, ..Options::default() });
+        bench.seconds(3.0);
+        assert_eq!(bench.has_said("brown-out level"), is_new, "{:?}", bench.texts);
+    }
+}
+
+/// A crystal that stops while the PLL locks, at every start, restarts the board once, too.
+#[test]
+#[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
+fn a_crystal_that_stops_while_the_clock_is_raised_restarts_the_board_once() {
+    let mut bench = Bench::start(Options { seed: 41, crystal: Crystal::Fails, ..Options::default() });
+    bench.seconds(5.0);
+    assert_eq!(bench.causes(), ["software"]);
+    assert!(bench.has_said("the crystal has failed") && bench.has_said("no crystal"), "{:?}", bench.texts);
+    bench.assert_beats(4.0);
 }
 
 /// A crystal that fails again and again restarts the board once: from then on it runs on the internal oscillator.

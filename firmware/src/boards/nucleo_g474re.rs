@@ -11,10 +11,11 @@
 //! | log | defmt over RTT, through the ST-LINK |
 //! | time | TIM15, 1 MHz ticks |
 //!
-//! Priorities, most urgent first: DMA and time (embassy's), guidance, link; the planner is the thread.
+//! Priorities, most urgent first: DMA, lines and time (embassy's), guidance, link; the planner is the thread.
 //!
 //! The independent watchdog is started before any wait, runs on its own oscillator and stops while a debugger holds
-//! the core. The brown-out reset monitors the supply; its level is in the option bytes, which the firmware leaves alone.
+//! the core. The brown-out reset monitors the supply; its level is in the option bytes, which
+//! the firmware leaves alone; one below the chip's own least supply, as delivered, is reported.
 
 #![expect(unsafe_code, reason = "registers, interrupt handlers and the memory that DMA writes")]
 
@@ -30,7 +31,7 @@ use core::fmt;
 use cortex_m::peripheral::DWT;
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt::{InterruptExt as _, Priority};
-use embassy_stm32::pac::{DBGMCU, RCC};
+use embassy_stm32::pac::{DBGMCU, FLASH, RCC};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{interrupt, peripherals};
 use embassy_time::with_timeout;
@@ -145,6 +146,7 @@ fn start() -> Parts<Machine> {
             told: false,
             clock,
             clock_told: false,
+            supply_told: false,
         },
         watchdog: Watchdog(watchdog),
         restart,
@@ -194,6 +196,7 @@ pub struct Pacer {
     told: bool,
     clock: Clock,
     clock_told: bool,
+    supply_told: bool,
 }
 
 impl board::Pacer for Pacer {
@@ -227,6 +230,9 @@ impl board::Pacer for Pacer {
         if self.clock == Clock::Internal && !core::mem::replace(&mut self.clock_told, true) {
             defmt::warn!("the crystal does not start: HSI");
             return Some("Foxhound: no crystal, HSI: rate off by 1 %");
+        }
+        if FLASH.optr().read().bor_lev() == 0 && !core::mem::replace(&mut self.supply_told, true) {
+            return Some("Foxhound: brown-out level is not set");
         }
         let trouble = self.acquisition.trouble().filter(|_| !self.told)?;
         self.told = true;

@@ -80,8 +80,22 @@ impl From<io::Error> for G474Error {
 pub struct Options {
     /// Seed of the memory's content at power-on.
     pub seed: u64,
-    /// Its crystal does not start.
-    pub no_crystal: bool,
+    /// Its crystal.
+    pub crystal: Crystal,
+    /// With its option bytes as delivered.
+    pub is_new: bool,
+}
+
+/// A board's crystal.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Crystal {
+    /// It starts and goes on.
+    #[default]
+    Works,
+    /// It does not start.
+    Missing,
+    /// It starts, and stops whenever the PLL is switched on.
+    Fails,
 }
 
 /// A restart of the board.
@@ -148,8 +162,13 @@ impl Board {
         let python = python.unwrap_or_else(|| PathBuf::from("python3"));
         let mut command = Command::new(&python);
         command.arg("-B").arg(model).arg(elf).arg("--seed").arg(options.seed.to_string());
-        if options.no_crystal {
-            command.arg("--no-crystal");
+        command.arg("--crystal").arg(match options.crystal {
+            Crystal::Works => "works",
+            Crystal::Missing => "missing",
+            Crystal::Fails => "fails",
+        });
+        if options.is_new {
+            command.arg("--new");
         }
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = ends_with_us(&mut command)

@@ -10,8 +10,8 @@
 //! between CPU clock frequency and flash memory read time" (FLASH):
 //!
 //! 1. HCLK is divided by 2 before the system clock becomes faster.
-//! 2. Above 150 MHz the regulator needs range 1 boost: R1MODE, **bit 8** of `PWR_CR5`, is cleared, with PWR clocked. stm32-metapac
-//!    21.0.0 has it as bit 0, so that embassy's `boost` changes nothing.
+//! 2. Above 150 MHz the regulator needs range 1 boost, and so does the PLL: R1MODE, **bit 8** of `PWR_CR5`, is cleared, with PWR
+//!    clocked. stm32-metapac 21.0.0 has it as bit 0, so that embassy's `boost` changes nothing. Then the PLL is started.
 //! 3. The flash gets the wait states of the new frequency, 4, and they are read back.
 //! 4. The system clock is switched to the PLL.
 //! 5. HCLK is divided by 1 again after 1 us at the earliest. embassy writes the switch and the divider in one access.
@@ -21,7 +21,8 @@
 //! timers are the board's own and use [`CLOCK_MHZ`].
 //!
 //! embassy also waits for the HSE without a timeout. Here the limit is [`HSE_WAIT_MS`], with the watchdog running. Should it fail
-//! later, the clock security system raises an NMI, at 16 MHz from the HSI: the program ends, and begins again on the HSI.
+//! later, be it before the system clock comes from it, the clock security system raises an NMI, at 16 MHz from the HSI: the program
+//! ends, and begins again on the HSI.
 
 use cortex_m::asm;
 use cortex_m::peripheral::DWT;
@@ -65,7 +66,6 @@ pub(super) fn start(last: Option<&Record>) -> (Peripherals, Clock) {
     config.rcc.ls = rcc::LsConfig::off();
     let peripherals = embassy_stm32::init(config);
     raise(clock);
-    RCC.cr().modify(|w| w.set_csson(clock == Clock::Crystal));
     set_time_driver();
     (peripherals, clock)
 }
@@ -79,6 +79,8 @@ fn wait_for_crystal() -> Clock {
             return Clock::Internal;
         }
     }
+    // Until the next reset.
+    RCC.cr().modify(|w| w.set_csson(true));
     Clock::Crystal
 }
 
@@ -88,6 +90,12 @@ fn raise(clock: Clock) {
         Clock::Crystal => (Pllsrc::HSE, Pllm::DIV6),
         _ => (Pllsrc::HSI, Pllm::DIV4),
     };
+    RCC.cfgr().modify(|w| w.set_hpre(Hpre::DIV2));
+    RCC.apb1enr1().modify(|w| w.set_pwren(true));
+    // A clock takes two cycles to arrive: the read is the wait.
+    let _ = RCC.apb1enr1().read();
+    PWR.cr5().modify(|w| w.0 &= !R1MODE);
+
     RCC.pllcfgr().write(|w| {
         w.set_pllsrc(source);
         w.set_pllm(divider);
@@ -98,11 +106,6 @@ fn raise(clock: Clock) {
     RCC.cr().modify(|w| w.set_pllon(true));
     while !RCC.cr().read().pllrdy() {}
 
-    RCC.cfgr().modify(|w| w.set_hpre(Hpre::DIV2));
-    RCC.apb1enr1().modify(|w| w.set_pwren(true));
-    // A clock takes two cycles to arrive: the read is the wait.
-    let _ = RCC.apb1enr1().read();
-    PWR.cr5().modify(|w| w.0 &= !R1MODE);
     FLASH.acr().modify(|w| w.set_latency(Latency::WS4));
     while FLASH.acr().read().latency() != Latency::WS4 {}
     RCC.cfgr().modify(|w| w.set_sw(Sw::PLL1_R));

@@ -11,8 +11,8 @@
 //! - **Interrupted words.** A word whose programming or erasing was interrupted by a loss of power may have more
 //!   wrong bits than its code corrects. Reading it raises ECCD and the NMI. The handler clears the flag and records
 //!   it; the word counts as zeros, and is programmed as zeros, which is allowed over anything, so that it reads the
-//!   same ever after. An NMI while a word is read counts as that word's even if no flag says so: after a restart it would
-//!   be read again, and so for ever. While nothing is read here, it means damage to the program or to its memory: a
+//!   same ever after. An NMI while a word is read or struck out counts as that word's even if no flag says so: after a
+//!   restart it would be met again, and so for ever. At any other time it means damage to the program or to its memory: a
 //!   restart.
 //! - **Cache.** The data cache is off during a read: its content would hide a damaged word.
 //!
@@ -39,13 +39,15 @@ const BYTES: u32 = PAGES * PAGE_BYTES as u32;
 const FROM: u32 = (512 << 10) - BYTES;
 const FLASH_AT: usize = 0x0800_0000;
 
-/// A word of the store is being read, and may be damaged.
-static IS_READING: AtomicBool = AtomicBool::new(false);
+/// A word of the store is being read or struck out, and may be damaged.
+static IS_TOUCHED: AtomicBool = AtomicBool::new(false);
 /// It was.
 static IS_DAMAGED: AtomicBool = AtomicBool::new(false);
 
+type Driver = flash::Flash<'static, Blocking>;
+
 /// Non-volatile storage; `None` if the banks are not as required.
-pub struct Flash(Option<flash::Flash<'static, Blocking>>);
+pub struct Flash(Option<Driver>);
 
 impl Flash {
     /// The flash of the chip.
@@ -53,24 +55,35 @@ impl Flash {
         Self(FLASH.optr().read().dbank().then(|| flash::Flash::new_blocking(flash)))
     }
 
-    fn driver(&mut self) -> Result<&mut flash::Flash<'static, Blocking>, Refused> {
+    fn driver(&mut self) -> Result<&mut Driver, Refused> {
         self.0.as_mut().ok_or(Refused::Failed)
     }
+}
+
+/// What is done to one word that may be damaged.
+fn touch<T>(act: impl FnOnce() -> T) -> T {
+    IS_TOUCHED.store(true, Ordering::SeqCst);
+    let result = act();
+    // The NMI has come through by then.
+    asm::dsb();
+    asm::isb();
+    IS_TOUCHED.store(false, Ordering::SeqCst);
+    result
 }
 
 /// A word; `None` if it is damaged. The data cache is off.
 fn read_word(at: u32) -> Option<[u8; 8]> {
     let word = (FLASH_AT + (FROM + at) as usize) as *const u32;
     IS_DAMAGED.store(false, Ordering::SeqCst);
-    IS_READING.store(true, Ordering::SeqCst);
     // SAFETY: aligned, and inside the flash, behind the program; `part::flash` has looked. A damaged word does not fault.
-    let [low, high] = [word, word.wrapping_add(1)].map(|half| unsafe { half.read_volatile() });
-    // The NMI has come through by then.
-    asm::dsb();
-    asm::isb();
-    IS_READING.store(false, Ordering::SeqCst);
+    let [low, high] = touch(|| [word, word.wrapping_add(1)].map(|half| unsafe { half.read_volatile() }));
     let is_sound = !IS_DAMAGED.load(Ordering::SeqCst);
     is_sound.then(|| (u64::from(high) << 32 | u64::from(low)).to_le_bytes())
+}
+
+/// Programs a word as zeros. Whether that succeeds or not, it counts as zeros from now on.
+fn strike_out(driver: &mut Driver, at: u32) {
+    let _ = touch(|| driver.blocking_write(FROM + at, &[0; 8]));
 }
 
 /// The crystal has failed, the word being read is damaged, or something worse has happened.
@@ -80,7 +93,7 @@ unsafe fn NonMaskableInt() {
     if RCC.cifr().read().cssf() {
         crash_record::end::<Machine>(End::Halt, 0, clocks::CRYSTAL_FAILED, b"the crystal has failed");
     }
-    if !IS_READING.load(Ordering::SeqCst) {
+    if !IS_TOUCHED.load(Ordering::SeqCst) {
         crash_record::end::<Machine>(End::Halt, 0, 0, b"flash or RAM damaged");
     }
     // A set flag is cleared by writing it.
@@ -101,9 +114,7 @@ impl ReadNorFlash for Flash {
         FLASH.acr().modify(|w| w.set_dcen(false));
         for (at, bytes) in (offset..).step_by(8).zip(bytes.as_chunks_mut().0) {
             *bytes = read_word(at).unwrap_or_else(|| {
-                // Whether that succeeds or not, it counts as zeros now.
-                let _ = driver.blocking_write(FROM + at, &[0; 8]);
-                FLASH.acr().modify(|w| w.set_dcen(false));
+                strike_out(driver, at);
                 [0; 8]
             });
         }
@@ -132,8 +143,8 @@ impl NorFlash for Flash {
         let driver = self.driver()?;
         for (at, word) in (offset..).step_by(8).zip(bytes.as_chunks::<8>().0) {
             if driver.blocking_write(FROM + at, word).is_err() {
-                // A word that looks blank and is not: it is struck out, or it would be tried again and again.
-                let _ = driver.blocking_write(FROM + at, &[0; 8]);
+                // A word that looks blank and is not: it would be tried again and again.
+                strike_out(driver, at);
                 return Err(Refused::Failed);
             }
         }
