@@ -44,8 +44,8 @@ const LIDAR_BAUD: u32 = 230_400;
 const PIECE_BYTES: usize = 128;
 /// 44 ms at the full rate: two steps of guidance.
 const RING_BYTES: usize = 4096;
-/// A camera's bytes of 5.5 ms; without one it is for what is typed.
-const PORT_RING_BYTES: usize = if cfg!(feature = "pad") { 512 } else { 256 };
+/// A camera's bytes of 22 ms, of which a half is there in a step of its whole budget; without one it is for what is typed.
+const PORT_RING_BYTES: usize = if cfg!(feature = "pad") { 2048 } else { 256 };
 /// 44 ms of a lidar at the full rate, two steps of guidance; 20.5 ms of IQ reports, one step.
 const SENSOR_RING_BYTES: usize = if cfg!(feature = "iq") { 2048 } else { 1024 };
 
@@ -374,7 +374,6 @@ impl Write for Transmitter {
             dma.par().write_value(line.uart.tdr().as_ptr() as u32);
             dma.mar().write_value(line.piece.as_ptr() as u32);
             dma.ndtr().write(|w| w.set_ndt(piece.len() as u16));
-            line.uart.icr().write(|w| w.set_tc(true));
             dma.cr().write(|w| {
                 w.set_dir(Dir::FROM_MEMORY);
                 w.set_minc(true);
