@@ -35,11 +35,11 @@ impl<const N: usize> AdcFrame<N> {
     }
 
     /// Fills the frame from the converters' unsigned right-aligned 12-bit results (0..=4095), channel by channel.
-    pub fn fill_from_unsigned(&mut self, time: Instant, raw: [&[u16; N]; CHANNELS]) {
+    pub fn fill_from_unsigned(&mut self, time: Instant, raw: [impl Iterator<Item = u16>; CHANNELS]) {
         self.time = time;
         for (row, source) in self.codes.iter_mut().zip(raw) {
             for (code, value) in row.iter_mut().zip(source) {
-                *code = (*value & 0x0fff) as i16 + CODE_MIN;
+                *code = (value & 0x0fff) as i16 + CODE_MIN;
             }
         }
     }
@@ -62,7 +62,7 @@ mod tests {
         raw[1][3] = 0;
         raw[1][4] = 4095;
         raw[2][0] = 0xf000 | 4095;
-        frame.fill_from_unsigned(Instant(9), raw.each_ref());
+        frame.fill_from_unsigned(Instant(9), raw.map(<[u16; 64]>::into_iter));
         assert_eq!(frame.codes[0], [0; 64]);
         assert_eq!((frame.codes[1][3], frame.codes[1][4]), (CODE_MIN, CODE_MAX));
         assert_eq!(frame.clip_count(), [0, 2, 1, 0]);

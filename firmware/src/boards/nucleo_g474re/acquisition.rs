@@ -38,8 +38,7 @@
 //! - **A converter that stops silently** leaves old samples in its ring; they are detected because they repeat
 //!   ([`foxhound_computer::frozen`]).
 
-use core::cell::UnsafeCell;
-use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
+use core::sync::atomic::{AtomicU16, AtomicU32, Ordering, compiler_fence};
 
 use cortex_m::peripheral::DWT;
 use embassy_stm32::interrupt;
@@ -88,12 +87,8 @@ const CHANNEL: [Channel; CHANNELS] = [
 ];
 
 /// Written by DMA: a ring of two blocks for each channel.
-struct Rings(UnsafeCell<[[[u16; N]; 2]; CHANNELS]>);
-
-// SAFETY: DMA writes, `Acquisition::take` reads, and there is one of each; see there.
-unsafe impl Sync for Rings {}
-
-static RINGS: Rings = Rings(UnsafeCell::new([[[0; N]; 2]; CHANNELS]));
+static RINGS: [[[AtomicU16; N]; 2]; CHANNELS] =
+    [const { [const { [const { AtomicU16::new(0) }; N] }; 2] }; CHANNELS];
 /// Halves that have been filled since the start.
 static FILLED: AtomicU32 = AtomicU32::new(0);
 /// One in this many blocks is passed on.
@@ -283,12 +278,11 @@ impl Acquisition {
         DMA2.ifcr().write(|w| (0..CHANNELS).for_each(|channel| w.set_gif(channel, true)));
         FILLED.store(0, Ordering::Relaxed);
         READY.reset();
-        let rings = RINGS.0.get().cast::<[[u16; N]; 2]>();
-        for (index, Channel { converter, request, .. }) in CHANNEL.iter().enumerate() {
+        for ((index, Channel { converter, request, .. }), ring) in CHANNEL.iter().enumerate().zip(&RINGS) {
             DMAMUX1.ccr(DMAMUX_OF_DMA2 + index).write(|w| w.set_dmareq_id(*request));
             let dma = DMA2.ch(index);
             dma.par().write_value(converter.dr().as_ptr() as u32);
-            dma.mar().write_value(rings.wrapping_add(index) as u32);
+            dma.mar().write_value(ring.as_ptr() as u32);
             dma.ndtr().write(|w| w.set_ndt(2 * N as u16));
             let last = index == CHANNELS - 1;
             dma.cr().write(|w| {
@@ -323,14 +317,14 @@ impl Acquisition {
             self.restart();
             return false;
         }
-        let half = block.half;
-        let rings = RINGS.0.get().cast::<[[u16; N]; 2]>();
         compiler_fence(Ordering::Acquire);
-        let raw = core::array::from_fn(|channel| {
-            // SAFETY: aligned and inside RINGS. DMA has filled this half and writes the other one for the next 2.5 ms;
-            // if we are later than that, the check below says so and what was read is thrown away.
-            unsafe { &*rings.add(channel).cast::<[u16; N]>().add(half) }
-        });
+        // DMA has filled this half and writes the other one for the next 2.5 ms; if we are later than that, the check below
+        // says so and what was read is thrown away.
+        let codes = |[first, second]: &'static [[AtomicU16; N]; 2]| {
+            let half = if block.half == 0 { first } else { second };
+            half.iter().map(|code| code.load(Ordering::Relaxed))
+        };
+        let raw = RINGS.each_ref().map(codes);
         let cycles = self.sampling.map_or(0, |sampling| sampling.cycles * DIVIDER);
         let half_block = Duration::from_micros(half_block_us(N as u64, cycles, CLOCK_MHZ));
         let middle = time::Instant(block.end.saturating_sub(half_block).as_micros());
