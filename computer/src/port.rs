@@ -346,7 +346,11 @@ impl Status<'_> {
                 words.text("foxhound ").text(env!("CARGO_PKG_VERSION")).text(" on ").text(self.board);
                 words.text(", up ").number(self.uptime_s).text(" s")
             }
-            1 => words.text("restart: ").display(self.restart),
+            1 => {
+                let mut digits = [0; 10];
+                let [what, which] = self.restart.parts(&mut digits);
+                words.text("restart: ").text(what).text(which)
+            }
             2 => words.text(self.clock.words()),
             3 => {
                 let Counts { steps, late, longest_us } = self.deadlines;
@@ -487,22 +491,9 @@ impl Words {
         self.text(what).text("at most ").number(most).text(" of ").number(room).text(" bytes waited")
     }
 
-    fn display(&mut self, what: &impl fmt::Display) -> &mut Self {
-        // It cannot fail, see below.
-        let _ = fmt::Write::write_fmt(self, format_args!("{what}"));
-        self
-    }
-
     fn end(&mut self) -> &str {
         self.is_ended = true;
         &self.text
-    }
-}
-
-impl fmt::Write for Words {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        self.text(text);
-        Ok(())
     }
 }
 

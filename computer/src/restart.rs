@@ -7,8 +7,6 @@
 //! A record is used only with a valid checksum: after power-up that memory holds anything. It is read once and then
 //! [erased](take), so that an old one is never reported again.
 
-use core::fmt::{self, Write as _};
-
 use foxhound_core::doa::calibration::record::crc32;
 use foxhound_link::companion::NOTICE_BYTES;
 use heapless::String;
@@ -166,51 +164,43 @@ impl Restart {
     /// is left out if it is unknown (0).
     #[must_use]
     pub fn words(&self, start: u32) -> String<NOTICE_BYTES> {
-        let mut words = Cut(String::new());
+        let (mut digits, mut address) = ([0; 10], [0; 10]);
+        let [what, which] = self.parts(&mut address);
+        let (space, number) = if start > 0 { (" ", decimal(start, &mut digits)) } else { ("", "") };
+        let mut words = String::new();
         // What does not fit is cut off.
-        let _ = words.write_str("Foxhound: restart");
-        if start > 0 {
-            let _ = words.write_char(' ').and_then(|()| words.write_str(decimal(start, &mut [0; 10])));
-        }
-        let _ = write!(words, ": {self}");
-        words.0
+        let mut letters = ["Foxhound: restart", space, number, ": ", what, which].into_iter().flat_map(str::chars);
+        let _ = letters.try_for_each(|letter| words.push(letter));
+        words
     }
-}
 
-impl fmt::Display for Restart {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    /// The cause, and which one of its kind; `digits` is for an address.
+    #[must_use]
+    pub fn parts<'a>(&'a self, digits: &'a mut [u8; 10]) -> [&'a str; 2] {
         match (&self.record, self.cause) {
-            (Some(Record { end: End::Fault, address, .. }), _) => {
-                f.write_str("fault at ")?;
-                write_hex(f, *address)
-            }
-            (Some(record @ Record { end: End::Panic, .. }), _) => {
-                f.write_str("panic ")?;
-                f.write_str(record.text())
-            }
-            (Some(record @ Record { end: End::Halt, .. }), _) => f.write_str(record.text()),
-            (Some(Record { end: End::Wanted, .. }), _) => f.write_str("as asked"),
-            (Some(Record { end: End::Watchdog, address, .. }), _) => {
-                f.write_str("watchdog at ")?;
-                write_hex(f, *address)
-            }
-            (None, Cause::Power) => f.write_str("power"),
-            (None, Cause::BrownOut) => f.write_str("brown-out"),
-            (None, Cause::Pin) => f.write_str("reset pin"),
-            (None, Cause::Software) => f.write_str("software"),
-            (None, Cause::Watchdog) => f.write_str("watchdog"),
-            (None, Cause::Other) => f.write_str("unknown"),
+            (Some(Record { end: End::Fault, address, .. }), _) => ["fault at ", hexadecimal(*address, digits)],
+            (Some(record @ Record { end: End::Panic, .. }), _) => ["panic ", record.text()],
+            (Some(record @ Record { end: End::Halt, .. }), _) => ["", record.text()],
+            (Some(Record { end: End::Wanted, .. }), _) => ["as asked", ""],
+            (Some(Record { end: End::Watchdog, address, .. }), _) => ["watchdog at ", hexadecimal(*address, digits)],
+            (None, Cause::Power) => ["power", ""],
+            (None, Cause::BrownOut) => ["brown-out", ""],
+            (None, Cause::Pin) => ["reset pin", ""],
+            (None, Cause::Software) => ["software", ""],
+            (None, Cause::Watchdog) => ["watchdog", ""],
+            (None, Cause::Other) => ["unknown", ""],
         }
     }
 }
 
-/// Eight digits, without the formatting of numbers, which takes 2 KB of flash.
-fn write_hex(f: &mut fmt::Formatter<'_>, value: u32) -> fmt::Result {
-    f.write_str("0x")?;
-    (0..8).rev().try_for_each(|digit| {
-        let nibble = (value >> (4 * digit)) & 0xf;
-        f.write_char(char::from_digit(nibble, 16).unwrap_or('?'))
-    })
+/// `0x` and eight digits, without the formatting of numbers, which takes 2 KB of flash.
+fn hexadecimal(value: u32, digits: &mut [u8; 10]) -> &str {
+    *digits = *b"0x00000000";
+    for (at, digit) in digits.iter_mut().rev().take(8).enumerate() {
+        let nibble = (value >> (4 * at)) as u8 & 0xf;
+        *digit = if nibble < 10 { b'0' + nibble } else { b'a' + nibble - 10 };
+    }
+    str::from_utf8(digits).unwrap_or_default()
 }
 
 /// A number without the standard formatting.
@@ -227,19 +217,9 @@ pub fn decimal(mut number: u32, digits: &mut [u8; 10]) -> &str {
     digits.get(from..).and_then(|digits| str::from_utf8(digits).ok()).unwrap_or_default()
 }
 
-/// Takes as much as fits.
-struct Cut(String<NOTICE_BYTES>);
-
-impl fmt::Write for Cut {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        text.chars().try_for_each(|letter| self.0.push(letter)).map_err(|_| fmt::Error)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::string::ToString as _;
 
     #[test]
     fn a_record_is_read_once_as_it_was_written() {
@@ -285,7 +265,7 @@ mod tests {
     fn every_restart_has_its_words_and_a_press_of_the_button_is_no_news() {
         let record = Record::new(End::Fault, 0x0800_12ab, 0, 0, b"");
         let fault = Restart { cause: Cause::Software, record: Some(record) };
-        assert_eq!(fault.to_string(), "fault at 0x080012ab");
+        assert_eq!(fault.parts(&mut [0; 10]), ["fault at ", "0x080012ab"]);
         let causes = [Cause::Power, Cause::BrownOut, Cause::Pin, Cause::Software, Cause::Watchdog, Cause::Other];
         let all = causes.map(|cause| Restart { cause, record: None });
         assert_eq!(all.map(|restart| restart.is_news()), [false, true, false, true, true, true]);

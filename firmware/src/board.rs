@@ -3,7 +3,6 @@
 //!
 //! Most boards can use the defaults given here. `docs/contributing.md` describes how to add a board.
 
-use core::fmt;
 use core::future::{Future, pending};
 
 use embedded_storage::nor_flash::NorFlash;
@@ -60,7 +59,7 @@ pub trait Board: Sized + 'static {
     /// Sleeps until the next interrupt, unless `is_ready` is true. An interrupt in between still ends the sleep.
     fn sleep_unless(is_ready: impl Fn() -> bool);
     /// Ends the program because it cannot continue.
-    fn halt(why: fmt::Arguments<'_>) -> !;
+    fn halt(why: &str) -> !;
     /// Restarts on request.
     fn restart() -> !;
 }

@@ -48,7 +48,7 @@ fn start_with(state: &'static mut State) -> Desk<Kept<Chosen>> {
 fn task<S>(token: Result<SpawnToken<S>, embassy_executor::SpawnError>) -> SpawnToken<S> {
     match token {
         Ok(token) => token,
-        Err(_) => Chosen::halt(format_args!("a task was spawned twice")),
+        Err(_) => Chosen::halt("a task was spawned twice"),
     }
 }
 

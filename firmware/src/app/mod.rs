@@ -265,7 +265,7 @@ fn tell(flight: &mut Flight<'_>, restart: &Restart, start: u32) {
 /// The built-in configuration is invalid.
 pub fn refuse<B: Board>(error: ConfigError) -> ! {
     // Without value and range: the formatting of numbers takes 17 KB of flash.
-    B::halt(format_args!("the built-in configuration: {}", error.field))
+    B::halt(error.field)
 }
 
 /// Carries out a command of the maintenance port; true if it is a restart.

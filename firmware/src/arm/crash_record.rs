@@ -6,7 +6,6 @@
 //! Without setpoints the autopilot stops by itself meanwhile.
 
 use core::cell::UnsafeCell;
-use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 use core::ops::Range;
 use core::panic::PanicInfo;
@@ -22,7 +21,7 @@ pub(crate) trait CrashOutput: Board {
     /// Data memory.
     const MEMORY: Range<u32>;
     /// Prints why the program ends, to a debugger or simulator.
-    fn print_end(words: fmt::Arguments<'_>);
+    fn print_end(what: &str, text: &str);
 }
 
 /// Words that a reset does not clear.
@@ -64,15 +63,14 @@ pub(crate) fn end<B: Board>(end: End, address: u32, status: u32, text: &[u8]) ->
 }
 
 /// The same with words for a debugger. The record comes first: what prints may be what failed.
-pub(crate) fn end_saying<B: CrashOutput>(
-    end: End,
-    address: u32,
-    status: u32,
-    text: &[u8],
-    words: fmt::Arguments<'_>,
-) -> ! {
-    if keep::<B>(end, address, status, text) {
-        B::print_end(words);
+pub(crate) fn end_saying<B: CrashOutput>(end: End, address: u32, status: u32, text: &str) -> ! {
+    if keep::<B>(end, address, status, text.as_bytes()) {
+        let what = match end {
+            End::Panic => "panic at",
+            End::Fault => "fault",
+            _ => "halt:",
+        };
+        B::print_end(what, text);
     }
     SCB::sys_reset()
 }
@@ -101,19 +99,18 @@ pub(crate) fn panicked<B: CrashOutput>(info: &PanicInfo<'_>) -> ! {
     cortex_m::interrupt::disable();
     let mut text = Tail { bytes: [0; TEXT_BYTES], length: 0 };
     if let Some(location) = info.location() {
-        let _ = text.write_str(location.file());
-        let _ = text.write_str(":");
-        let _ = text.write_str(decimal(location.line(), &mut [0; 10]));
+        text.add(location.file());
+        text.add(":");
+        text.add(decimal(location.line(), &mut [0; 10]));
     }
-    let text = text.text();
-    end_saying::<B>(End::Panic, 0, 0, text.as_bytes(), format_args!("panic at {text}"))
+    end_saying::<B>(End::Panic, 0, 0, text.text())
 }
 
 /// The end of a fault: `frame` is where the processor has stacked its registers, or would have.
 pub(crate) extern "C" fn fault<B: CrashOutput>(frame: u32) -> ! {
     // SAFETY: reading this register has no effect.
     let status = unsafe { (*SCB::PTR).cfsr.read() };
-    end_saying::<B>(End::Fault, interrupted(frame, &B::MEMORY), status, b"", format_args!("fault"))
+    end_saying::<B>(End::Fault, interrupted(frame, &B::MEMORY), status, "")
 }
 
 /// Where the program was, if its registers are in memory.
@@ -135,10 +132,8 @@ impl Tail {
     fn text(&self) -> &str {
         self.bytes.get(..self.length).and_then(|bytes| str::from_utf8(bytes).ok()).unwrap_or("?")
     }
-}
 
-impl fmt::Write for Tail {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
+    fn add(&mut self, text: &str) {
         for byte in text.bytes() {
             if let Some(free) = self.bytes.get_mut(self.length) {
                 *free = byte;
@@ -150,6 +145,5 @@ impl fmt::Write for Tail {
                 }
             }
         }
-        Ok(())
     }
 }

@@ -1,7 +1,7 @@
 //! The stack: its guard, and a measurement of its use.
 //!
 //! It is at the bottom of the memory and grows down towards its end (`memory.x`), so that an overflow changes no
-//! variables; the memory protection unit turns it into a fault, since the 32 KB below are unused. At the start all of
+//! variables; the memory protection unit turns it into a fault, since the program uses nothing of the 32 KB below. At the start all of
 //! it is painted; a word that has lost its paint has been used. Each step checks only a few words.
 
 use core::ptr;
@@ -38,7 +38,7 @@ pub(crate) fn guard(mpu: &mut MPU) {
     const ENABLE: u32 = 1;
     /// Memory without a region is accessible as without the unit.
     const BACKGROUND: u32 = 1 << 2;
-    // SAFETY: nothing uses the memory of this region, and everything else stays as it was.
+    // SAFETY: the program uses nothing of this region, and everything else stays as it was.
     unsafe {
         mpu.rnr.write(REGION);
         mpu.rbar.write(bottom() - BYTES);

@@ -6,7 +6,6 @@
 
 #![expect(unsafe_code, reason = "vectors, interrupt handlers")]
 
-use core::fmt;
 use core::ops::Range;
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -63,7 +62,7 @@ impl Board for Machine {
     /// HERE: a serial line's receiver.
     type Receiver = NoLine;
     type Transmitter = Transmitter;
-    /// HERE: a serial line of 230 400 baud, where there is a lidar, of 115 200 with a radio.
+    /// HERE: a serial line of 230 400 baud, where there is a lidar, of 115 200 or 1 000 000 with a radio.
     type SensorReceiver = NoLine;
     type ConsoleReceiver = NoLine;
     type ConsoleTransmitter = Transmitter;
@@ -74,7 +73,7 @@ impl Board for Machine {
     fn start() -> Parts<Self> {
         stack::paint();
         let record = crash_record::take();
-        let Some(mut core) = cortex_m::Peripherals::take() else { Self::halt(format_args!("started twice")) };
+        let Some(mut core) = cortex_m::Peripherals::take() else { Self::halt("started twice") };
         stack::guard(&mut core.MPU);
         core.DCB.enable_trace();
         core.DWT.enable_cycle_counter();
@@ -117,8 +116,8 @@ impl Board for Machine {
         arm::sleep_unless(is_ready);
     }
 
-    fn halt(why: fmt::Arguments<'_>) -> ! {
-        crash_record::end::<Self>(End::Halt, 0, 0, why.as_str().unwrap_or("halt").as_bytes())
+    fn halt(why: &str) -> ! {
+        crash_record::end::<Self>(End::Halt, 0, 0, why.as_bytes())
     }
 
     fn restart() -> ! {
@@ -130,7 +129,7 @@ impl CrashOutput for Machine {
     const MEMORY: Range<u32> = 0x2000_0000..0x2002_0000;
 
     /// HERE: a debugger's line, where there is one.
-    fn print_end(_words: fmt::Arguments<'_>) {}
+    fn print_end(_what: &str, _text: &str) {}
 }
 
 /// HERE: a serial line's transmitter.

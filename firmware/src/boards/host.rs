@@ -11,7 +11,6 @@
 //! The application is in statics, so a process is one board that is started once. There is no executor here: the code
 //! that starts the board polls the tasks.
 
-use core::fmt;
 use core::future::poll_fn;
 use core::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use core::task::Poll;
@@ -222,7 +221,7 @@ impl Board for Machine {
     }
 
     #[expect(clippy::print_stderr, reason = "where a board has a debugger")]
-    fn halt(why: fmt::Arguments<'_>) -> ! {
+    fn halt(why: &str) -> ! {
         std::eprintln!("foxhound: {why}");
         process::exit(1)
     }

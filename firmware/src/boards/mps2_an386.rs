@@ -108,7 +108,7 @@ impl Board for Machine {
         arm::sleep_unless(is_ready);
     }
 
-    fn halt(why: fmt::Arguments<'_>) -> ! {
+    fn halt(why: &str) -> ! {
         ending::halt(why)
     }
 
@@ -120,7 +120,7 @@ impl Board for Machine {
 fn start() -> Parts<Machine> {
     stack::paint();
     let restart = why();
-    let Some(mut core) = cortex_m::Peripherals::take() else { ending::halt(format_args!("started twice")) };
+    let Some(mut core) = cortex_m::Peripherals::take() else { ending::halt("started twice") };
     stack::guard(&mut core.MPU);
     interrupt::prioritise(&mut core.NVIC);
     clock::start();

@@ -26,8 +26,6 @@ mod flash;
 mod serial;
 mod tone;
 
-use core::fmt;
-
 use cortex_m::peripheral::DWT;
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt::{InterruptExt as _, Priority};
@@ -101,7 +99,7 @@ impl Board for Machine {
         arm::sleep_unless(is_ready);
     }
 
-    fn halt(why: fmt::Arguments<'_>) -> ! {
+    fn halt(why: &str) -> ! {
         ending::halt(why)
     }
 
@@ -119,7 +117,7 @@ fn start() -> Parts<Machine> {
     let mut watchdog =
         IndependentWatchdog::new(unsafe { peripherals::IWDG::steal() }, <Watchdog as board::Watchdog>::PERIOD_US);
     watchdog.unleash();
-    let Some(mut core) = cortex_m::Peripherals::take() else { ending::halt(format_args!("started twice")) };
+    let Some(mut core) = cortex_m::Peripherals::take() else { ending::halt("started twice") };
     stack::guard(&mut core.MPU);
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();

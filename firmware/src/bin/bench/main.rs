@@ -81,7 +81,7 @@ fn main() -> ! {
     obstacle_looks(&measure);
     let config = guidance::Config::default();
     let (Ok(guidance), Ok(planner)) = (config.build(), config.build_planner()) else {
-        Twin::halt(format_args!("the built-in configuration does not build"))
+        Twin::halt("the built-in configuration does not build")
     };
     let workspace = SCRATCH.take();
     fast_loop::rows(&measure, &guidance, &planner, workspace, snapshot);

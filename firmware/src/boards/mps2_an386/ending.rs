@@ -3,7 +3,6 @@
 //! Without semihosting a `bkpt 0xab` is a fault. So that the image also runs in a QEMU that was started without it,
 //! the fault handler answers such a breakpoint with "failed" and continues after it.
 
-use core::fmt;
 use core::ops::Range;
 use core::panic::PanicInfo;
 
@@ -14,17 +13,17 @@ use super::Machine;
 use crate::arm::crash_record::{self, CrashOutput, fault};
 
 /// Ends a program that cannot even begin.
-pub(super) fn halt(reason: fmt::Arguments<'_>) -> ! {
+pub(super) fn halt(reason: &str) -> ! {
     cortex_m::interrupt::disable();
-    Machine::print_end(reason);
+    Machine::print_end("halt:", reason);
     semihosting::process::exit(1)
 }
 
 impl CrashOutput for Machine {
     const MEMORY: Range<u32> = 0x2000_0000..0x2002_0000;
 
-    fn print_end(words: fmt::Arguments<'_>) {
-        semihosting::eprintln!("foxhound: {words}");
+    fn print_end(what: &str, text: &str) {
+        semihosting::eprintln!("foxhound: {what} {text}");
     }
 }
 

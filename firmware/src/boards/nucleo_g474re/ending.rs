@@ -1,6 +1,5 @@
 //! The end of the program; its reason goes to a debugger.
 
-use core::fmt;
 use core::ops::Range;
 use core::panic::PanicInfo;
 
@@ -11,17 +10,16 @@ use super::Machine;
 use crate::arm::crash_record::{self, CrashOutput};
 
 /// Reports why the program cannot continue, and restarts.
-pub(super) fn halt(reason: fmt::Arguments<'_>) -> ! {
-    let text = reason.as_str().unwrap_or("halt").as_bytes();
-    crash_record::end_saying::<Machine>(End::Halt, 0, 0, text, reason)
+pub(super) fn halt(reason: &str) -> ! {
+    crash_record::end_saying::<Machine>(End::Halt, 0, 0, reason)
 }
 
 impl CrashOutput for Machine {
     const MEMORY: Range<u32> = 0x2000_0000..0x2002_0000;
 
     /// Prints to a debugger.
-    fn print_end(words: fmt::Arguments<'_>) {
-        defmt::error!("{}", defmt::Display2Format(&words));
+    fn print_end(what: &str, text: &str) {
+        defmt::error!("{=str} {=str}", what, text);
     }
 }
 
