@@ -10,9 +10,10 @@
 //! ```
 //!
 //! A position is a jump when it is farther from where the last one led than `max(0.15 m, 3 v dt + 0.1 m)`, with `v` the
-//! faster of the two speeds, or when a message says so (`ODOMETRY.reset_counter`, a new `GPS_GLOBAL_ORIGIN`). A heading
-//! is a jump when it is more than 10 degrees from where the yaw rate led. Until the first jump both frames are the
-//! same, to the bit.
+//! faster of the two speeds, and than five times what it lately was off in the mean: noise that is hidden when it goes one way and
+//! not when it comes back would move our frame. Or it is one when a message says so (`ODOMETRY.reset_counter`, a new
+//! `GPS_GLOBAL_ORIGIN`). A heading is a jump when it is more than 10 degrees from where the yaw rate led. Until the first jump
+//! both frames are the same, to the bit.
 
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::ned::Ned;
@@ -21,8 +22,11 @@ use foxhound_core::base::units::{sin_cos, wrap_pi};
 const STEP_MIN_M: f32 = 0.15;
 const STEP_PER_WAY: f32 = 3.0;
 const STEP_MARGIN_M: f32 = 0.1;
-/// The same where no velocities are reported.
+/// The least where no velocities are reported.
 const BLIND_STEP_MIN_M: f32 = 1.0;
+/// Of the mean squared distance from where the last position led: its weight, and how many roots of it are a jump.
+const NOISE_WEIGHT: f32 = 1.0 / 16.0;
+const NOISES: f32 = 5.0;
 /// After a longer gap a change of position is not taken for a jump.
 const PLACE_GAP_MAX_S: f32 = 2.0;
 const TURN_MIN_RAD: f32 = 10.0 * core::f32::consts::PI / 180.0;
@@ -36,6 +40,8 @@ pub(crate) struct Continuity {
     sin: f32,
     cos: f32,
     shift_m: Ned,
+    /// Mean squared distance of a position from where the last one led; a jump counts as the limit.
+    noise_m2: f32,
     /// Whether there was a jump at all.
     differs: bool,
     /// A message said that the next position, or the next heading, begins anew.
@@ -73,6 +79,7 @@ impl Continuity {
             sin: 0.0,
             cos: 1.0,
             shift_m: Ned { north: 0.0, east: 0.0, down: 0.0 },
+            noise_m2: 0.0,
             differs: false,
             place_is_new: false,
             heading_is_new: false,
@@ -107,8 +114,12 @@ impl Continuity {
         let limit_m = STEP_PER_WAY * fastest_mps * dt_s + STEP_MARGIN_M;
         // A vehicle in the air is never exactly still: an autopilot that sends zero reports no velocities.
         let least_m = if fastest_mps > 0.0 { STEP_MIN_M } else { BLIND_STEP_MIN_M };
+        let noise_m = NOISES * sqrt(self.noise_m2);
+        let least_m = if least_m > noise_m { least_m } else { noise_m };
         let limit_m = if limit_m > least_m { limit_m } else { least_m };
         let jumped_m = norm(step_m);
+        let off_m = if jumped_m < limit_m { jumped_m } else { limit_m };
+        self.noise_m2 += NOISE_WEIGHT * (off_m * off_m - self.noise_m2);
         if jumped_m <= limit_m && !is_new {
             return None;
         }
@@ -271,6 +282,26 @@ mod tests {
         assert!(distance(frame.place_to_ours(after), ned(10.02, 4.0, -5.0)) < 1e-4);
         assert!(distance(frame.place_to_theirs(frame.place_to_ours(after)), after) < 1e-4);
         assert_eq!(frame.velocity_to_theirs(velocity), velocity);
+    }
+
+    #[test]
+    fn noise_moves_the_frame_by_less_than_itself_and_a_jump_in_it_is_hidden() {
+        for sigma_m in [0.02_f32, 0.03, 0.05] {
+            let mut rng = foxhound_core::base::rng::Rng::new(7, 0);
+            let mut frame = Continuity::new();
+            let (velocity, mut last) = (ned(0.5, 0.0, 0.0), ned(0.0, 0.0, 0.0));
+            let mut told = |frame: &mut Continuity, at: u32, jump_m: f32| {
+                let [north, east, down] = [0; 3].map(|_| sigma_m * rng.gaussian());
+                let next = ned(0.01 * at as f32 + north + jump_m, east, down);
+                frame.follow_place(&moved(last, velocity, next, 0.02));
+                last = next;
+                distance(frame.place_to_ours(next), ned(0.01 * at as f32, 0.0, 0.0))
+            };
+            let apart_m = (0..10_000).map(|at| told(&mut frame, at, 0.0)).fold(0.0, f32::max);
+            assert!(apart_m < 6.0 * sigma_m, "{sigma_m} m: {apart_m}");
+            let apart_m = (10_000..10_100).map(|at| told(&mut frame, at, 4.0)).fold(0.0, f32::max);
+            assert!(apart_m < 15.0 * sigma_m, "{sigma_m} m: {apart_m} after a jump");
+        }
     }
 
     #[test]
