@@ -47,6 +47,15 @@ fn one_antenna_that_turns_finds_a_beacon_ten_metres_off_among_pillars() {
     assert!(flights.iter().all(|(_, report)| (15.0..60.0).contains(&number(report, "time_s"))), "{flights:?}");
 }
 
+/// Between walls that reflect, the first rotations have two maxima or more: the vehicle searches on, to where there is one.
+#[test]
+fn one_antenna_that_turns_leaves_a_room_whose_reflections_are_ambiguous() {
+    for (code, report) in fly(&scenario("turning_rooms.json"), SEEDS) {
+        assert_eq!((code, report["result"].as_str()), (0, Some("reached")), "{report}");
+        assert_eq!(report["collisions"], 0, "{report}");
+    }
+}
+
 /// Other turn rates, antenna patterns and a slower vehicle reach the beacon as well.
 #[test]
 fn other_rates_and_lobes_and_a_slower_vehicle_do_as_well() {

@@ -42,6 +42,9 @@ const SIGMA_MAX_RAD: f32 = 0.5;
 const DOUBT: f32 = 2.0;
 /// Channels that an array needs.
 const LIVING_MIN: usize = 3;
+/// Reflections that make so many rotations in a row ambiguous make the next ones so as well. Elsewhere they are others, so that a
+/// vehicle with one directional antenna goes on as without a signal; what is left of an array may have no direction anywhere.
+const AMBIGUOUS_MAX: u8 = 3;
 /// `10 / ln 10`.
 const DB: f32 = 4.342_945;
 
@@ -146,6 +149,8 @@ pub struct State {
     channel: u8,
     /// Bearings in a row that lacked channels.
     lacking: u8,
+    /// Ambiguous rotations since the last direction.
+    ambiguous: u8,
     /// Where the rotation in progress began.
     from_ned_m: Option<Horizontal>,
     /// The middle of the last rotation with a signal.
@@ -226,13 +231,16 @@ impl Turning {
         state.from_ned_m = Some(here);
         let Outcome::Rotation(rotation) = outcome else { return Some(Turned::Nothing(Flags::NO_SIGNAL)) };
         if rotation.ambiguous {
-            return Some(Turned::Nothing(Flags::AMBIGUOUS));
+            state.ambiguous = state.ambiguous.saturating_add(1);
+            let goes_on = state.ambiguous > AMBIGUOUS_MAX && matches!(self.role, Role::Alone(_));
+            return Some(Turned::Nothing(if goes_on { Flags::NO_SIGNAL } else { Flags::AMBIGUOUS }));
         }
         if rotation.contrast_db > self.contrast_max_db || rotation.independent_sigma_rad() > SIGMA_MAX_RAD {
             // Nor may the next one use it.
             state.rotating = rotating::State::new();
             return Some(Turned::Nothing(Flags::NO_SIGNAL));
         }
+        state.ambiguous = 0;
         let place_ned_m = from.plus(here).times(0.5);
         let since_s = state.heard.replace(rotation.time).map_or(0.0, |heard| rotation.time.seconds_since(heard));
         let direction_ned = Horizontal::from_bearing(rotation.bearing_ned_rad);
