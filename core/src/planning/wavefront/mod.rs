@@ -47,9 +47,8 @@ const AHEAD_M: f32 = 1.2;
 const CELL_M: f32 = 0.1;
 /// Half of the narrowest gap between two obstacles that counts as passable.
 const PASSABLE_M: f32 = 0.036;
-/// Clearance above which a cell is not slowed; it is twice as slow below that, and four times below the second.
+/// Clearance above which a cell is not slowed; it is twice as slow below that, and four times where there is none.
 const CLEAR_M: f32 = 0.03;
-const NARROW_M: f32 = 0.0;
 
 /// `UNIT` times `(d + sqrt(2 - d^2)) / 2` for `d = index / UNIT`: the delay of a cell after its earlier neighbour, when
 /// the other neighbour is reached `d` later than the earlier one.
@@ -412,7 +411,7 @@ pub fn march(
     }
     for obstacle in obstacles {
         draw(window, obstacle.center_ned_m, obstacle.reach_m + CLEAR_M, Tier::Outer);
-        draw(window, obstacle.center_ned_m, obstacle.reach_m + NARROW_M, Tier::Inner);
+        draw(window, obstacle.center_ned_m, obstacle.reach_m, Tier::Inner);
         // A cell is closed when the middle of a just passable gap cannot lie in it, however the gap is aligned to
         // the grid.
         let free_m = obstacle.center_ned_m.minus(start_ned_m).norm() - 0.01;
