@@ -1,6 +1,5 @@
 //! The configuration of the whole chain, checked and built module by module.
 
-use super::near::NEAR_M;
 use super::{Guidance, mission, turning};
 use crate::base::config::{RangeSensor, Vehicle};
 use crate::base::error::{ConfigError, Why, check};
@@ -149,7 +148,7 @@ impl Config {
             replan_ticks: libm::ceilf(self.replan_after_s / self.tick_s) as u32,
             retry_ticks: libm::ceilf(RETRY_S / self.tick_s) as u32,
             plan_margin_m: 0.5 * self.planner.margin_m,
-            near_m: if stop_m > NEAR_M { stop_m } else { NEAR_M },
+            stop_m,
             turn_s: self.sensor.turn_s,
             target_distance_m: self.goal.target_distance_m,
             known_source_ned_m: self.goal.known_source_ned_m,

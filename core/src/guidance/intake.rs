@@ -127,7 +127,7 @@ impl<const N: usize> Guidance<N> {
             }
             near::gather(
                 &self.guard,
-                self.near_m,
+                self.stop_m + self.wind.margin_m(&state.vehicle.wind),
                 &state.surroundings.map,
                 ownship.position_ned_m.horizontal(),
                 &mut state.surroundings.near,

@@ -177,7 +177,7 @@ pub struct Guidance<const N: usize> {
     replan_ticks: u32,
     retry_ticks: u32,
     plan_margin_m: f32,
-    near_m: f32,
+    stop_m: f32,
     turn_s: f32,
     target_distance_m: f32,
     known_source_ned_m: Option<Horizontal>,

@@ -21,15 +21,17 @@ pub(super) const FAR: u8 = 64;
 /// The additional distance from a tracked body, in standard deviations of its position.
 const DOUBT_SIGMAS: f32 = 2.0;
 
-/// Lists the obstacles up to `near_m` from the vehicle: the nearest, if the list is full; standing before moving ones.
+/// Lists the obstacles that are near the vehicle, which needs `stop_m` to stop: the nearest, if the list is full; standing before
+/// moving ones.
 #[inline(never)]
 pub(super) fn gather(
     guard: &Guard,
-    near_m: f32,
+    stop_m: f32,
     map: &Map,
     place: Horizontal,
     near: &mut Vec<Neighbour, OBSTACLES_MAX>,
 ) {
+    let near_m = if stop_m > NEAR_M { stop_m } else { NEAR_M };
     // The square root of the distance, so that however far it takes to stop what is near is told apart.
     let rings_per_root_m = f32::from(FAR) * inverse_root(near_m);
     let mut rings = [FAR; CIRCLES_MAX];
@@ -125,8 +127,6 @@ mod tests {
         for (v_max_mps, a_max_mps2) in [(1.0, 2.0), (2.0, 0.1), (10.0, 0.5), (20.0, 2.0)] {
             let config = guard::Config { v_max_mps, a_max_mps2, ..guard::Config::default() };
             let guard = config.build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT).unwrap();
-            let stop_m = guard.stop_m(0.53);
-            let near_m = if stop_m > NEAR_M { stop_m } else { NEAR_M };
             let post = |turn: f32, away_m: f32| Circle {
                 center_ned_m: Horizontal::from_bearing(turn).times(away_m),
                 radius_m: 0.05,
@@ -138,7 +138,7 @@ mod tests {
             map.observe_circles(Instant(1_000), Horizontal::default(), &ring).unwrap();
             map.observe_circles(Instant(21_000), Horizontal::default(), &[post(0.0, 0.3)]).unwrap();
             let mut near = Vec::new();
-            gather(&guard, near_m, &map, Horizontal::default(), &mut near);
+            gather(&guard, guard.stop_m(0.53), &map, Horizontal::default(), &mut near);
             let least_m = near.iter().map(|one| one.clearance_m(Horizontal::default())).fold(f32::INFINITY, f32::min);
             assert!(near.is_full() && least_m < 0.11, "{v_max_mps} {a_max_mps2}: {least_m}");
         }

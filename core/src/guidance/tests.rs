@@ -513,7 +513,7 @@ fn what_is_near_is_as_far_as_the_vehicle_needs_to_stop() {
         for _ in 0..10_000 {
             let (around, guard_state) = (&mut state.surroundings, &mut state.control.guard);
             around.map.observe_circles(Instant(1), vehicle.position, &[post]).unwrap();
-            near::gather(&guidance.guard, guidance.near_m, &around.map, vehicle.position, &mut around.near);
+            near::gather(&guidance.guard, guidance.stop_m, &around.map, vehicle.position, &mut around.near);
             let commands = vehicle.pending.iter().map(|setpoint| setpoint.velocity_ned_mps.horizontal());
             let pending = commands.fold(Horizontal::default(), Horizontal::plus).times(DT);
             let facts = GuardInput {
