@@ -12,8 +12,6 @@ use crate::planning::planner::Verdict;
 
 /// The guard lets the vehicle come this much nearer to obstacles reported as moving than to standing ones.
 const BODY_M: f32 = 0.1;
-/// Obstacles reported as moving faster than this are left to the evader while it gives way.
-const WALKS_MPS: f32 = 0.5;
 
 impl<const N: usize> Guidance<N> {
     /// The demand of the active plan; `None` when there is nothing to follow.
@@ -56,7 +54,7 @@ impl<const N: usize> Guidance<N> {
             let ownship = state.vehicle.ownship.unwrap_or_default();
             let (standing, told) = near::told_apart(&state.surroundings.near);
             let mut followed = Vec::new();
-            near::followed(&self.guard, &state.surroundings.tracks, &mut followed);
+            let is_in_view = near::followed(&self.guard, &state.surroundings.tracks, &mut followed);
             let evasion = self.evade.step(
                 &mut state.control.evade,
                 demand.velocity_ned_mps,
@@ -74,13 +72,17 @@ impl<const N: usize> Guidance<N> {
             if let Some(velocity_ned_mps) = evasion {
                 demand.velocity_ned_mps = velocity_ned_mps;
                 situation.is_evading = true;
+                situation.may_be_unseen = is_in_view || !told.is_empty();
             }
             // With scans, the guard has the hits of a tracked body, and the moving circles of the map. With reported
             // circles, it keeps clear of a body's present place as if it stood there; walking bodies are left to the
             // evader, since they will have left that place when the vehicle arrives.
             if !state.surroundings.tracks.has_scanned() {
                 if situation.is_evading {
-                    state.surroundings.near.retain(|one| one.velocity_ned_mps.norm_squared() < WALKS_MPS * WALKS_MPS);
+                    state
+                        .surroundings
+                        .near
+                        .retain(|one| one.velocity_ned_mps.norm_squared() < near::WALKS_MPS * near::WALKS_MPS);
                 }
                 for body in
                     state.surroundings.near.iter_mut().filter(|one| one.velocity_ned_mps != Horizontal::default())

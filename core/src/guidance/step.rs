@@ -234,6 +234,7 @@ impl<const N: usize> Guidance<N> {
             gust_margin_m: self.wind.margin_m(&state.vehicle.wind),
             has_gusts: self.wind.has_gusts(&state.vehicle.wind),
             is_evading: false,
+            may_be_unseen: false,
             is_lost: false,
             down_m: state.vehicle.ownship.map(|ownship| ownship.position_ned_m.down),
             held_down_m: state.control.hold_down_m,

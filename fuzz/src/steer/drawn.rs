@@ -148,6 +148,7 @@ pub(super) fn situation(draw: &mut Draw<'_>) -> GuardInput {
         held_down_m: draw.flag().then(|| draw.any(-20.0, 5.0)),
         gust_margin_m: if draw.flag() { 0.0 } else { draw.between(0.0, 0.6) },
         is_evading: draw.flag(),
+        may_be_unseen: draw.flag(),
         is_lost: draw.flag() && draw.flag() && draw.flag(),
         has_gusts: draw.flag(),
     }

@@ -114,8 +114,10 @@ pub struct GuardInput {
     pub gust_margin_m: f32,
     /// Whether such gusts have been measured, and are not only expected.
     pub has_gusts: bool,
-    /// The demand is the evader's: it does not wait until the nose has turned.
+    /// The demand is the evader's.
     pub is_evading: bool,
+    /// It gives way to somebody in view: it does not wait until the nose has turned.
+    pub may_be_unseen: bool,
     /// The position is not to be trusted: it brakes, since it cannot know what it would keep clear of.
     pub is_lost: bool,
     /// Vertical position, local NED, if known.
@@ -301,7 +303,7 @@ impl Guard {
         let is_urgent = is_threatened || input.is_evading;
 
         let wanted = demand.velocity_ned_mps.clamped(v_max_mps);
-        let granted = if input.is_evading { wanted } else { wanted.times(self.view_share(wanted, input.yaw_rad)) };
+        let granted = if input.may_be_unseen { wanted } else { wanted.times(self.view_share(wanted, input.yaw_rad)) };
         let mut agreed = nearest_allowed(granted, &half_spaces);
         if agreed.is_none() && input.gust_margin_m > 0.0 {
             agreed = evened_out(granted, &mut half_spaces);
@@ -321,7 +323,7 @@ impl Guard {
         let safe = safe.clamped(v_max_mps);
 
         // Without any scan so far there is no such sensor; whether one is required is decided by the mission.
-        let has_sensor = state.coverage.has_scanned() && !input.is_evading;
+        let has_sensor = state.coverage.has_scanned() && !input.may_be_unseen;
         let mut unseen = None;
         for (trial, share) in [1.0, 0.5, 0.25].into_iter().enumerate() {
             let tried = self.approach(state, safe.times(share), is_urgent, dt_s);

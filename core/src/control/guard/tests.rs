@@ -391,6 +391,22 @@ fn what_was_hidden_from_elsewhere_is_looked_at_before_it_is_approached() {
     assert!(look_rad.is_none() && ruling.setpoint.velocity_ned_mps.east > 0.0, "{ruling:?}");
 }
 
+/// Who gives way to somebody that he no longer sees looks before he goes; who sees him come does not wait.
+#[test]
+fn giving_way_goes_into_the_unseen_only_for_somebody_in_view() {
+    let guard = guard_of(&Config::default());
+    for may_be_unseen in [false, true] {
+        let mut state = State::default();
+        guard.note_circles(&mut state, &[], &Pose::default());
+        let input = GuardInput { is_evading: true, may_be_unseen, ..GuardInput::default() };
+        for _ in 0..100 {
+            guard.step(&mut state, &demand(-0.5, 0.0), &input, &[], DT);
+        }
+        let speed_mps = state.command_ned_mps().norm();
+        assert!(if may_be_unseen { speed_mps > 0.49 } else { speed_mps < 0.2 }, "{may_be_unseen}: {speed_mps}");
+    }
+}
+
 #[test]
 fn it_passes_a_gap_that_is_little_wider_than_itself() {
     let guard = guard_of(&Config::default());
