@@ -92,8 +92,7 @@ pub(super) fn followed(guard: &Guard, tracks: &Tracks, bodies: &mut Vec<Neighbou
         let (center_ned_m, velocity_ned_mps) = (track.center_ned_m, track.velocity_ned_mps);
         // Cannot fail: there is space for all of them.
         let _ = bodies.push(guard.obstacle(&Circle { center_ned_m, radius_m, velocity_ned_mps }));
-        let walks = velocity_ned_mps.norm_squared() >= WALKS_MPS * WALKS_MPS;
-        is_in_view |= walks && track.unseen_s < IN_VIEW_S;
+        is_in_view |= track.unseen_s < IN_VIEW_S && velocity_ned_mps.norm_squared() > WALKS_MPS * WALKS_MPS;
     }
     is_in_view
 }

@@ -68,6 +68,7 @@ pub(crate) fn end_saying<B: CrashOutput>(end: End, address: u32, status: u32, te
         let what = match end {
             End::Panic => "panic at",
             End::Fault => "fault",
+            End::Watchdog => "watchdog",
             _ => "halt:",
         };
         B::print_end(what, text);

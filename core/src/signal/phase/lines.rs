@@ -145,7 +145,7 @@ fn louder<const N: usize>(values: &[f32; N], peak: &Peak, side: Range<usize>) ->
     let (mut least, mut count) = (f32::MAX, 0);
     for (noise, value) in noise.iter_mut().zip(values.get(side)?) {
         *noise = (value - leaking / (passed(away) * passed(away))).max(0.0);
-        least = least.min(*value);
+        least = if *value < least { *value } else { least };
         away += 1.0;
         count += 1;
     }
@@ -169,9 +169,12 @@ pub(super) fn leakage<const N: usize>(spectrum: &Spectrum<N>, values: &[f32; N],
     let share_of_mean = |bins: f32| 1.0 / (core::f32::consts::PI * core::f32::consts::PI * bins * bins);
     let mut means = peak.statistic * share_of_mean(peak.bins);
     for (k, value) in values.iter().enumerate().take(N / 2).skip(1).rev() {
-        let own = skirt(peak, k.abs_diff(peak.bin) as f32) + if k == 1 { means } else { 0.0 };
-        let is_line = *value - own > LINE_THRESHOLD && is_summit(values, k);
-        if !is_line || k.abs_diff(peak.bin) <= APART_BINS || count == LINES_MAX {
+        let bins_off = k.abs_diff(peak.bin);
+        if *value <= LINE_THRESHOLD || !is_summit(values, k) || bins_off <= APART_BINS || count == LINES_MAX {
+            continue;
+        }
+        let own = skirt(peak, bins_off as f32) + if k == 1 { means } else { 0.0 };
+        if *value - own <= LINE_THRESHOLD {
             continue;
         }
         count += 1;

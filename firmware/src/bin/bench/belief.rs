@@ -3,12 +3,11 @@
 
 use core::hint::black_box;
 
+use crate::halt;
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::planning::ilqr::{Bound, Config, Guess, Outcome, Problem, Workspace};
-use foxhound_firmware::board::Board as _;
-use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 
 use super::{forest, row};
 
@@ -54,7 +53,7 @@ fn iteration(measure: &impl Fn(&mut dyn FnMut()) -> u32) -> u32 {
                 (outcome, iterations) = (solution.outcome, solution.iterations);
             });
             if outcome == Outcome::Refused {
-                Twin::halt(format_args!("the belief-space planner refuses a problem"));
+                halt(format_args!("the belief-space planner refuses a problem"));
             }
             if let Some(before) = before {
                 if iterations < iterations_max {

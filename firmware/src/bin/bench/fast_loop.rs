@@ -3,6 +3,7 @@
 use core::f32::consts::{FRAC_PI_2, TAU};
 use core::hint::black_box;
 
+use crate::halt;
 use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::ned::{Horizontal, Ned};
 use foxhound_core::base::obstacle::{Circle, Disc};
@@ -16,8 +17,6 @@ use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
 use foxhound_core::mapping::map::{CIRCLES_MAX, DELIVERY_MAX};
 use foxhound_core::mapping::scan::{Frame, POINTS_MAX, Points, Scan};
 use foxhound_core::planning::planner::{Answer, Planner, Workspace};
-use foxhound_firmware::board::Board as _;
-use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 use heapless::Vec;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -197,7 +196,7 @@ fn mission(measure: &impl Fn(&mut dyn FnMut()) -> u32, fast_loop: &mut Loop<'_>)
     }
     let mostly = (MISSION_STEPS - SILENCE.len() - 40) as u32;
     if heard < mostly || place.norm() < 5.0 {
-        Twin::halt(format_args!("the mission heard {heard} bearings and went {} cm", (100.0 * place.norm()) as i32));
+        halt(format_args!("the mission heard {heard} bearings and went {} cm", (100.0 * place.norm()) as i32));
     }
     row("fast_loop_mission", median(counts), CEILING);
     row("fast_loop_mission_worst", counts.last().copied().unwrap_or(0), CEILING_WORST);

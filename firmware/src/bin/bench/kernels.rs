@@ -2,9 +2,8 @@
 
 use foxhound_core::base::math::{armv7em, portable};
 use foxhound_core::base::rng::Rng;
-use foxhound_firmware::board::Board as _;
 
-use crate::Twin;
+use crate::halt;
 
 /// Runs the target's kernels and the portable ones over the same words, random ones and corners, and ends the program
 /// when they differ. Returns how many words went in.
@@ -14,7 +13,7 @@ pub(super) fn kernels<const M: usize>(seed: u64) -> u32 {
     let mut words = Words(Rng::new(seed, 3));
     let check = |same: bool, name: &str| {
         if !same {
-            Twin::halt(format_args!("kernel {name} differs from the portable one, N = {M}"));
+            halt(format_args!("kernel {name} differs from the portable one, N = {M}"));
         }
     };
     for round in 0..ROUNDS {

@@ -3,6 +3,7 @@
 
 use core::hint::black_box;
 
+use crate::halt;
 use foxhound_core::base::history::{FullPose, Poses};
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::ned::{Horizontal, Ned};
@@ -13,8 +14,6 @@ use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::landing::observation::{Pad, PadObservation, Seen};
 use foxhound_core::landing::{Config, Input, Stage, State};
 use foxhound_core::localize::source::near;
-use foxhound_firmware::board::Board as _;
-use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 
 use crate::row;
 
@@ -28,7 +27,7 @@ const STEPS_MAX: u32 = 6_000;
 #[inline(never)]
 pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let config = Config { has_camera: true, ..Config::default() };
-    let Ok(lander) = config.build() else { Twin::halt(format_args!("the lander does not build")) };
+    let Ok(lander) = config.build() else { halt(format_args!("the lander does not build")) };
     let (mut state, mut near, mut poses, mut worst) = (State::default(), near::State::default(), Poses::default(), 0);
     let mut place = Ned { north: -3.0, east: 0.5, down: -3.0 };
     let mut velocity = Ned::default();
@@ -101,5 +100,5 @@ pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             down: if place.down + TICK_S * velocity.down < 0.0 { place.down + TICK_S * velocity.down } else { 0.0 },
         };
     }
-    Twin::halt(format_args!("it does not land: {:?}", state.stage()))
+    halt(format_args!("it does not land: {:?}", state.stage()))
 }

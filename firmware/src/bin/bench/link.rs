@@ -2,11 +2,10 @@
 
 use core::hint::black_box;
 
+use crate::halt;
 use foxhound_computer::lidar::{self, FRAME_BYTES, crc8};
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::param::Values;
-use foxhound_firmware::board::Board as _;
-use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 use foxhound_link::companion::Config;
 use foxhound_link::dialect::{
     ATTITUDE_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, OBSTACLE_DISTANCE_DATA, SYS_STATUS_DATA,
@@ -29,7 +28,7 @@ const LIDAR_CEILING: u32 = 60_000;
 /// A second of a line that carries nothing but telemetry which we read, as close as it comes.
 pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let Ok(mut companion) = Config::default().build_with(Values::DEFAULT) else {
-        Twin::halt(format_args!("the link does not build"));
+        halt(format_args!("the link does not build"));
     };
     let mut stream = Stream { bytes: [0; STEP_BYTES], length: 0, sequence: 0 };
     let mut sum = 0;
@@ -40,7 +39,7 @@ pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
         leave(&mut companion);
     }
     if companion.counters().framer.frames < 1000 {
-        Twin::halt(format_args!("the link has not heard what was said"));
+        halt(format_args!("the link has not heard what was said"));
     }
     row("link_full_line_second", sum, CEILING);
     row("lidar_full_line_step", full_lidar(measure), LIDAR_CEILING);
@@ -50,7 +49,7 @@ pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
 #[inline(never)]
 fn full_lidar(measure: &impl Fn(&mut dyn FnMut()) -> u32) -> u32 {
     let Ok(mut lidar) = lidar::Config::default().build() else {
-        Twin::halt(format_args!("the lidar does not build"));
+        halt(format_args!("the lidar does not build"));
     };
     let (mut worst, mut number) = (0, 0);
     for step in 0..STEPS_PER_S {
@@ -64,7 +63,7 @@ fn full_lidar(measure: &impl Fn(&mut dyn FnMut()) -> u32) -> u32 {
         lidar.take();
     }
     if lidar.counters().frames != number || lidar.counters().turns < 10 {
-        Twin::halt(format_args!("the lidar was not heard"));
+        halt(format_args!("the lidar was not heard"));
     }
     worst
 }

@@ -64,6 +64,12 @@ const OBSTACLES: usize = 64;
 static SNAPSHOT: ConstStaticCell<AdcFrame<N>> = ConstStaticCell::new(AdcFrame::zeroed());
 static SCRATCH: ConstStaticCell<Workspace> = ConstStaticCell::new(Workspace::new());
 
+/// Says why it cannot go on, and ends.
+fn halt(why: core::fmt::Arguments<'_>) -> ! {
+    semihosting::eprintln!("{why}");
+    Twin::halt("the bench")
+}
+
 #[cortex_m_rt::entry]
 fn main() -> ! {
     Twin::start().watchdog.stop();
@@ -81,7 +87,7 @@ fn main() -> ! {
     obstacle_looks(&measure);
     let config = guidance::Config::default();
     let (Ok(guidance), Ok(planner)) = (config.build(), config.build_planner()) else {
-        Twin::halt("the built-in configuration does not build")
+        halt(format_args!("the built-in configuration does not build"))
     };
     let workspace = SCRATCH.take();
     fast_loop::rows(&measure, &guidance, &planner, workspace, snapshot);
@@ -120,7 +126,7 @@ fn peer(name: &str, whose: &str, instructions: u32) {
 #[inline(never)]
 fn guard_among_obstacles(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let Ok(guard) = guard::Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT) else {
-        Twin::halt(format_args!("the built-in guard does not build"))
+        halt(format_args!("the built-in guard does not build"))
     };
     let (mut worst, mut worst_look) = (0, 0);
     for seed in 0..FORESTS {
@@ -161,7 +167,7 @@ fn guard_among_obstacles(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
 #[inline(never)]
 fn evader_in_a_crowd(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let Ok(response) = vehicle_model::Config::default().build(0.02) else {
-        Twin::halt(format_args!("the built-in vehicle model does not build"))
+        halt(format_args!("the built-in vehicle model does not build"))
     };
     let evader = evade::Evader::new(&response, 1.0, 1.0, 2.0);
     let underway = vehicle_model::State::default();

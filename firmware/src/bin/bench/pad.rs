@@ -2,11 +2,10 @@
 
 use core::hint::black_box;
 
+use crate::halt;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::base::time::Instant;
 use foxhound_core::landing::observation::Seen;
-use foxhound_firmware::board::Board as _;
-use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 use foxhound_pad::{Config, Format, Header, State};
 use static_cell::ConstStaticCell;
 
@@ -20,7 +19,7 @@ static STATE: ConstStaticCell<State> = ConstStaticCell::new(State::new());
 /// The worst of some frames, with the pad near and far; each is shown twice, so that its light is known.
 #[inline(never)]
 pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    let Ok(detector) = Config::default().build() else { Twin::halt(format_args!("the pad detector does not build")) };
+    let Ok(detector) = Config::default().build() else { halt(format_args!("the pad detector does not build")) };
     let state = STATE.take();
     let mut worst = 0;
     for (format, name, ceiling) in [(Format::Rgb565, "pad_160x120", 400_000), (Format::Grey, "pad_160x120_grey", 0)] {
@@ -29,7 +28,7 @@ pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
                 let (total, seen) = frame(measure, &detector, state, format, seed, radius_px, height_m);
                 worst = worst.max(total);
                 if format == Format::Rgb565 && radius_px > 0 && !matches!(seen, Seen::Pad(_)) {
-                    Twin::halt(format_args!("the pad is not seen: {seen:?}"));
+                    halt(format_args!("the pad is not seen: {seen:?}"));
                 }
             }
         }

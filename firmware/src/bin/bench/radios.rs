@@ -11,10 +11,9 @@ use foxhound_core::doa::beam::{self, Beam, Covariance, Source};
 use foxhound_core::doa::switched::{self, Emitter, Group};
 use foxhound_core::signal::phase::Complex;
 use foxhound_core::signal::switched::{self as slots, SLOTS_MAX};
-use foxhound_firmware::board::Board as _;
 use static_cell::ConstStaticCell;
 
-use crate::{Twin, row};
+use crate::{halt, row};
 
 const ANTENNAS: usize = 8;
 /// Slots of a packet of 160 us, and samples of a slot.
@@ -44,7 +43,7 @@ fn beam(radius_m: f32) -> Beam {
     let config = beam::Config { wavelength_m: 1.0, antennas_m, count: ANTENNAS };
     match config.build() {
         Ok(beam) => beam,
-        Err(_) => Twin::halt(format_args!("the ring does not build")),
+        Err(_) => halt(format_args!("the ring does not build")),
     }
 }
 
@@ -59,7 +58,7 @@ fn packets(measure: &impl Fn(&mut dyn FnMut()) -> u32, rng: &mut Rng) {
     let (sample_rate_hz, tone_hz, slot_s, pattern_slots) = (2e6, 250e3, 4e-6, ANTENNAS);
     let schedule = slots::Config { antennas: ANTENNAS, sample_rate_hz, tone_hz, slot_s, pattern, pattern_slots };
     let built = schedule.build(SLOTS, SAMPLES).and_then(|reader| switched::Config::default().build(beam(0.5), reader));
-    let Ok(estimator) = built else { Twin::halt(format_args!("the switched array does not build")) };
+    let Ok(estimator) = built else { halt(format_args!("the switched array does not build")) };
     let packet = PACKET.take();
     let (mut emitter, mut typical, mut hard) = (Emitter::default(), 0, 0);
     for number in 0..40 {

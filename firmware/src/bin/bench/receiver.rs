@@ -11,10 +11,9 @@ use foxhound_core::guidance;
 use foxhound_core::signal::phase::{self, Complex};
 use foxhound_core::signal::spectrum::tone::{Reference, Window};
 use foxhound_core::signal::spectrum::{Backend, Spectrum};
-use foxhound_firmware::board::Board as _;
 use microfft::real::rfft_256;
 
-use crate::{N, TONE_BINS, Twin, peer, row};
+use crate::{N, TONE_BINS, halt, peer, row};
 
 /// A lock-in at one frequency: products in integers, then phasors.
 struct LockIn {
@@ -148,10 +147,10 @@ fn unit(angle_rad: f32) -> Complex {
 pub(super) fn front_end(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &AdcFrame<N>) {
     let config = guidance::Config::default();
     let (Ok(extractor), Ok(array)) = (config.phase.build::<N>(), config.array.build()) else {
-        Twin::halt(format_args!("the built-in front end does not build"))
+        halt(format_args!("the built-in front end does not build"))
     };
     let Ok(estimator) = config.bearing.build(array) else {
-        Twin::halt(format_args!("the built-in estimator does not build"))
+        halt(format_args!("the built-in estimator does not build"))
     };
     let mut state = phase::State::default();
     let mut phasors = None;

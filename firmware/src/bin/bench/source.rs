@@ -4,6 +4,7 @@
 use core::f32::consts::TAU;
 use core::hint::black_box;
 
+use crate::halt;
 use foxhound_core::base::config::{Fence, RangeSensor};
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Disc;
@@ -18,8 +19,6 @@ use foxhound_core::localize::source::{Sighting, bank, polar};
 use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::mapping::walls::{self, Wall};
 use foxhound_core::planning::explore;
-use foxhound_firmware::board::Board as _;
-use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 
 use super::row;
 
@@ -61,9 +60,7 @@ impl Path {
 
 #[inline(never)]
 fn filter(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    let Ok(filter) = polar::Config::DEFAULT.build() else {
-        Twin::halt(format_args!("the built-in filter does not build"))
-    };
+    let Ok(filter) = polar::Config::DEFAULT.build() else { halt(format_args!("the built-in filter does not build")) };
     let (mut state, mut path) = (polar::Resting::new(), Path(Rng::new(1, 40)));
     let counts = (0..STEPS).map(|k| {
         let heard = path.sighting(k, SOURCE_NED_M);
@@ -75,7 +72,7 @@ fn filter(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
 /// Around the corner of [`Path`]'s wall, then in view; three walls are known.
 #[inline(never)]
 fn several(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    let Ok(bank) = bank::Config::DEFAULT.build() else { Twin::halt(format_args!("the built-in bank does not build")) };
+    let Ok(bank) = bank::Config::DEFAULT.build() else { halt(format_args!("the built-in bank does not build")) };
     let wall = |from: [f32; 2], to: [f32; 2]| {
         let at = |[north, east]: [f32; 2]| Horizontal { north, east };
         Wall::between(at(from), at(to)).unwrap_or_default()
@@ -148,9 +145,7 @@ fn room(rng: &mut Rng, strays: f32) -> [Horizontal; CIRCLES_MAX] {
 /// Four walls as a scan has them; and with strays among them, from one point in seven to all.
 #[inline(never)]
 fn walls(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    let Ok(lines) = walls::Config::DEFAULT.build() else {
-        Twin::halt(format_args!("the split and merge does not build"))
-    };
+    let Ok(lines) = walls::Config::DEFAULT.build() else { halt(format_args!("the split and merge does not build")) };
     let mut workspace = walls::Workspace::new();
     let mut rng = Rng::new(4, 40);
     let mut find = |strays: f32| {
@@ -161,7 +156,7 @@ fn walls(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     for k in 0..STEPS {
         let (count, found) = find(0.0);
         if found != 4 {
-            Twin::halt(format_args!("the split and merge finds {found} walls of 4"));
+            halt(format_args!("the split and merge finds {found} walls of 4"));
         }
         most = most.max(count);
         most_with_strays = most_with_strays.max(find((1 + k % 7) as f32 / 7.0).0);
@@ -175,7 +170,7 @@ fn walls(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
 fn one_antenna(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     const READINGS: usize = 120;
     let config = rotating::Config::default();
-    let Ok(seeker) = config.build() else { Twin::halt(format_args!("the seeking does not build")) };
+    let Ok(seeker) = config.build() else { halt(format_args!("the seeking does not build")) };
     let (mut state, mut rng) = (rotating::State::new(), Rng::new(5, 40));
     let (mut reading, mut rotation, mut rotations) = (0, 0, 0);
     for k in 0..(STEPS + 1) * READINGS {
@@ -195,7 +190,7 @@ fn one_antenna(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
         }
     }
     if rotations < STEPS - 1 {
-        Twin::halt(format_args!("the antenna turned {rotations} times"));
+        halt(format_args!("the antenna turned {rotations} times"));
     }
     row("rss_step", reading, 500);
     row("rss_rotation", rotation, 15_000);
@@ -208,7 +203,7 @@ const CLEARANCE_M: f32 = 0.2;
 #[inline(never)]
 fn search(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let Ok(explorer) = explore::Config::default().build(CLEARANCE_M, &Fence::DEFAULT) else {
-        Twin::halt(format_args!("the search does not build"))
+        halt(format_args!("the search does not build"))
     };
     let (mut state, mut rng) = (explore::State::new(), Rng::new(6, 40));
     let circles = room(&mut rng, 0.1).map(|center_ned_m| Disc { center_ned_m, radius_m: 0.15, ..Disc::default() });

@@ -70,8 +70,7 @@ unsafe extern "C" fn HardFault() {
 /// Ends a program that did not feed the watchdog, which first raises an interrupt.
 extern "C" fn starved(frame: u32) -> ! {
     let address = crash_record::interrupted(frame, &Machine::MEMORY);
-    let words = format_args!("watchdog at {address:#010x}");
-    crash_record::end_saying::<Machine>(End::Watchdog, address, 0, b"", words)
+    crash_record::end_saying::<Machine>(End::Watchdog, address, 0, "")
 }
 
 /// The watchdog's interrupt.

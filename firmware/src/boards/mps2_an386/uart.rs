@@ -204,7 +204,7 @@ impl Transfer {
         let is_busy = is_sending.swap(true, Ordering::Relaxed);
         let taken = part::transfer(piece.as_ptr().addr(), piece.len(), &DMA_REACHES);
         if let Err(refused) = if is_busy { Err(Refused::Busy) } else { taken } {
-            super::ending::halt(format_args!("the part refuses {}", refused.words()));
+            super::ending::halt(refused.words());
         }
         Self(is_sending)
     }

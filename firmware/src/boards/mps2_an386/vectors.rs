@@ -23,5 +23,5 @@ static __INTERRUPTS: [extern "C" fn(); 32] = {
 };
 
 extern "C" fn unexpected() {
-    super::ending::halt(format_args!("an interrupt that nobody handles"));
+    super::ending::halt("an interrupt that nobody handles");
 }
