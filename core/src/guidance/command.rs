@@ -10,6 +10,8 @@ use crate::control::guard::{self, GuardInput, Setpoint};
 use crate::control::track::{self, Demand};
 use crate::planning::planner::Verdict;
 
+/// Obstacles reported as moving faster than this are left to the evader while it gives way.
+const WALKS_MPS: f32 = 0.5;
 /// The guard lets the vehicle come this much nearer to obstacles reported as moving than to standing ones.
 const BODY_M: f32 = 0.1;
 
@@ -79,10 +81,7 @@ impl<const N: usize> Guidance<N> {
             // evader, since they will have left that place when the vehicle arrives.
             if !state.surroundings.tracks.has_scanned() {
                 if situation.is_evading {
-                    state
-                        .surroundings
-                        .near
-                        .retain(|one| one.velocity_ned_mps.norm_squared() < near::WALKS_MPS * near::WALKS_MPS);
+                    state.surroundings.near.retain(|one| one.velocity_ned_mps.norm_squared() < WALKS_MPS * WALKS_MPS);
                 }
                 for body in
                     state.surroundings.near.iter_mut().filter(|one| one.velocity_ned_mps != Horizontal::default())

@@ -19,9 +19,7 @@ pub(super) const NEAR_M: f32 = 4.0;
 pub(super) const FAR: u8 = 64;
 
 /// Somebody who was seen so lately is in view.
-const IN_VIEW_S: f32 = 0.4;
-/// What moves as fast walks: it comes sooner than the nose turns, and reported circles are left to the evader.
-pub(super) const WALKS_MPS: f32 = 0.5;
+const IN_VIEW_S: f32 = 0.8;
 /// The additional distance from a tracked body, in standard deviations of its position.
 const DOUBT_SIGMAS: f32 = 2.0;
 
@@ -82,8 +80,7 @@ pub(super) fn told_apart(near: &[Neighbour]) -> (&[Neighbour], &[Neighbour]) {
     near.split_at(near.partition_point(|neighbour| neighbour.velocity_ned_mps == Horizontal::default()))
 }
 
-/// The tracked bodies that move, as obstacles enlarged by the uncertainty of their position; returns whether one of them is in view
-/// and walks.
+/// The tracked bodies that move, as obstacles enlarged by the uncertainty of their position; returns whether one of them is in view.
 #[inline(never)]
 pub(super) fn followed(guard: &Guard, tracks: &Tracks, bodies: &mut Vec<Neighbour, TRACKS_MAX>) -> bool {
     let mut is_in_view = false;
@@ -92,7 +89,7 @@ pub(super) fn followed(guard: &Guard, tracks: &Tracks, bodies: &mut Vec<Neighbou
         let (center_ned_m, velocity_ned_mps) = (track.center_ned_m, track.velocity_ned_mps);
         // Cannot fail: there is space for all of them.
         let _ = bodies.push(guard.obstacle(&Circle { center_ned_m, radius_m, velocity_ned_mps }));
-        is_in_view |= track.unseen_s < IN_VIEW_S && velocity_ned_mps.norm_squared() > WALKS_MPS * WALKS_MPS;
+        is_in_view |= track.unseen_s < IN_VIEW_S;
     }
     is_in_view
 }
