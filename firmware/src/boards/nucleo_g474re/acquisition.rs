@@ -87,8 +87,7 @@ const CHANNEL: [Channel; CHANNELS] = [
 ];
 
 /// Written by DMA: a ring of two blocks for each channel.
-static RINGS: [[[AtomicU16; N]; 2]; CHANNELS] =
-    [const { [const { [const { AtomicU16::new(0) }; N] }; 2] }; CHANNELS];
+static RINGS: [[[AtomicU16; N]; 2]; CHANNELS] = [const { [const { [const { AtomicU16::new(0) }; N] }; 2] }; CHANNELS];
 /// Halves that have been filled since the start.
 static FILLED: AtomicU32 = AtomicU32::new(0);
 /// One in this many blocks is passed on.
