@@ -45,6 +45,7 @@ struct Bench {
 impl Bench {
     fn start(options: Options) -> Self {
         let (board, report) = Board::start(Path::new(&g474_image()), options).unwrap();
+        let resets = report.resets.clone();
         Self {
             board,
             report,
@@ -54,7 +55,7 @@ impl Bench {
             texts: Vec::new(),
             heartbeats_s: Vec::new(),
             parameters: Vec::new(),
-            resets: Vec::new(),
+            resets,
         }
     }
 
