@@ -44,7 +44,7 @@ const LIDAR_BAUD: u32 = 230_400;
 const PIECE_BYTES: usize = 128;
 /// 44 ms at the full rate: two steps of guidance.
 const RING_BYTES: usize = 4096;
-/// A camera's bytes of 22 ms, of which a half is there in a step of its whole budget; without one it is for what is typed.
+/// 22 ms of a camera's bytes, more than twice those of a step's budget; without one it is for what is typed.
 const PORT_RING_BYTES: usize = if cfg!(feature = "pad") { 2048 } else { 256 };
 /// 44 ms of a lidar at the full rate, two steps of guidance; 20.5 ms of IQ reports, one step.
 const SENSOR_RING_BYTES: usize = if cfg!(feature = "iq") { 2048 } else { 1024 };
