@@ -20,6 +20,10 @@ const WORDS: usize = CIRCLES_MAX / 32;
 const BLOCK: usize = 16;
 const BLOCKS: usize = CIRCLES_MAX / BLOCK;
 
+/// A set of places in the store for each bin, one bit per place; those of one word of all sets lie together, since a circle has its bit
+/// in one word.
+type Scale = [[u32; BINS]; WORDS];
+
 /// A set of places in the store, one bit per place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Places([u32; WORDS]);
@@ -76,8 +80,8 @@ impl Places {
 pub(super) struct Index {
     /// Position of the vehicle, the origin of the scales.
     origin_ned_m: Horizontal,
-    north: [Places; BINS],
-    east: [Places; BINS],
+    north: Scale,
+    east: Scale,
     /// Bits of each circle's squared distance from the vehicle; as integers they have the same order as the distances.
     squared_bits: [u32; CIRCLES_MAX],
     /// The place of the farthest circle of each block.
@@ -91,8 +95,8 @@ impl Index {
     pub(super) fn new(origin_ned_m: Horizontal) -> Self {
         Self {
             origin_ned_m,
-            north: [Places::NONE; BINS],
-            east: [Places::NONE; BINS],
+            north: [[0; BINS]; WORDS],
+            east: [[0; BINS]; WORDS],
             squared_bits: [0; CIRCLES_MAX],
             farthest: core::array::from_fn(|block| (block * BLOCK) as u8),
             doomed: Places::NONE,
@@ -125,8 +129,9 @@ impl Index {
     fn mark(&mut self, at: usize, known: &Known) -> u32 {
         let away = known.center_ned_m.minus(self.origin_ned_m);
         for (scale, middle_m) in [(&mut self.north, away.north), (&mut self.east, away.east)] {
+            let Some(word) = scale.get_mut(at / 32) else { continue };
             for bin in bins(middle_m, known.radius_m) {
-                scale[bin % BINS].insert(at);
+                word[bin % BINS] |= 1 << (at % 32);
             }
         }
         away.norm_squared().to_bits()
@@ -156,11 +161,11 @@ impl Index {
     #[inline(never)]
     pub(super) fn near(&self, place_ned_m: Horizontal, reach_m: f32) -> Places {
         let away = place_ned_m.minus(self.origin_ned_m);
-        let within = |scale: &[Places; BINS], middle_m| {
+        let within = |scale: &Scale, middle_m| {
             let mut all = [0; WORDS];
             for bin in bins(middle_m, reach_m) {
-                for (all, word) in all.iter_mut().zip(scale[bin % BINS].0) {
-                    *all |= word;
+                for (all, word) in all.iter_mut().zip(scale) {
+                    *all |= word[bin % BINS];
                 }
             }
             all
