@@ -11,10 +11,13 @@ pub const DEG_PER_RAD: f32 = 180.0 / PI;
 #[must_use]
 #[inline(never)]
 pub fn wrap_pi(angle_rad: f32) -> f32 {
+    // Adding zero makes zero of minus zero.
+    if libm::fabsf(angle_rad) < 3.1 {
+        return angle_rad + 0.0;
+    }
     let turns = angle_rad / TAU;
     // Numbers so large are whole, and no conversion holds them.
     let turns = if libm::fabsf(turns) < 8_388_608.0 { nearest(turns) as f32 } else { turns };
-    // Adding zero makes zero of minus zero.
     let wrapped = (angle_rad + 0.0) - turns * TAU;
     if wrapped <= -PI {
         wrapped + TAU
