@@ -57,11 +57,20 @@ impl View<'_> {
     /// Whether an earlier scan saw through where enough of them are; where rays are lost, two.
     fn was_free(&self, hits: &[Horizontal]) -> bool {
         let Some((newest, other)) = self.before else { return false };
-        let was_free = |hit: &&Horizontal| {
+        let enough = THROUGH_SHARE * hits.len() as f32;
+        let (mut through, mut left) = (0.0, hits.len() as f32);
+        for hit in hits {
             let place = hit.plus(self.pose.position_ned_m);
-            newest.saw_through(place) && other.is_none_or(|kept| kept.saw_through(place))
-        };
-        hits.iter().filter(was_free).count() as f32 > THROUGH_SHARE * hits.len() as f32
+            if newest.saw_through(place) && other.is_none_or(|kept| kept.saw_through(place)) {
+                through += 1.0;
+            }
+            left -= 1.0;
+            // Most are those of walls, through none of which was seen.
+            if through > enough || through + left <= enough {
+                return through > enough;
+            }
+        }
+        false
     }
 
     fn measure(&self, piece: &Piece) -> Cluster {

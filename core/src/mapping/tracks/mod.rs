@@ -178,11 +178,11 @@ impl Kept {
 
     /// Whether it saw through where a hit is now.
     fn saw_through(&self, place: Horizontal) -> bool {
-        self.beyond_m(place) > THROUGH_M
+        self.sees_beyond(place, THROUGH_M)
     }
 
-    /// How much farther was seen in the direction of a place than the place is; negative where that is not known.
-    fn beyond_m(&self, place: Horizontal) -> f32 {
+    /// Whether it sees farther by more than that in the direction of a place; not where that is not known.
+    fn sees_beyond(&self, place: Horizontal, by_m: f32) -> bool {
         let away = place.minus(self.pose.position_ned_m);
         let azimuth_rad = wrap_pi(away.bearing_rad() - self.pose.yaw_rad - self.first_azimuth_rad);
         let index = nearest(azimuth_rad / self.step_rad);
@@ -192,15 +192,14 @@ impl Kept {
             let whole = nearest(core::f32::consts::TAU / libm::fabsf(self.step_rad));
             if index < 0 { index + whole } else { index }
         };
+        let far_m = away.minus(self.way_m.times(index as f32 - self.middle)).norm();
         // What lies near the edge of a sector may have been seen in the next one.
-        let mut least_m = f32::INFINITY;
-        for beside in [-1, 0, 1] {
+        [0, -1, 1].into_iter().all(|beside| {
             let index =
                 if self.turn > 0 { (index + beside).wrapping_rem_euclid(i32::from(self.turn)) } else { index + beside };
             let sees_m = usize::try_from(index).map_or(-1.0, |index| self.ranges.sees_m(index, self.range_max_m));
-            least_m = if sees_m < least_m { sees_m } else { least_m };
-        }
-        least_m - away.minus(self.way_m.times(index as f32 - self.middle)).norm()
+            sees_m - far_m > by_m
+        })
     }
 }
 
@@ -283,7 +282,7 @@ impl Tracks {
     fn miss(&mut self, now: &Kept, ago_s: f32, taken: u32) {
         let since_s = self.scanned.map_or(0.0, |scanned| between(now.time.seconds_since(scanned), 0.0, 0.2));
         for (t, track) in self.tracks.iter_mut().enumerate() {
-            if taken >> (t % 32) & 1 == 0 && now.beyond_m(track.center_before(ago_s)) > 0.0 {
+            if taken >> (t % 32) & 1 == 0 && now.sees_beyond(track.center_before(ago_s), 0.0) {
                 track.clear_s += since_s;
             }
         }
@@ -427,7 +426,12 @@ fn associate(tracks: &[Track], clusters: &mut [Cluster]) -> u32 {
         // The nearest two tracks within their gates.
         let mut two = [(f32::INFINITY, 0); 2];
         for (t, (track, gate_m2)) in tracks.iter().zip(&gates).enumerate() {
-            let squared = seen.center_ned_m.minus(track.center_before(seen.ago_s)).norm_squared();
+            let off = seen.center_ned_m.minus(track.center_before(seen.ago_s));
+            // Most are out of the gate to the north or south already.
+            if off.north * off.north >= *gate_m2 {
+                continue;
+            }
+            let squared = off.norm_squared();
             if squared < *gate_m2 && squared < two[1].0 {
                 two[1] = (squared, t as u8);
                 if squared < two[0].0 {
