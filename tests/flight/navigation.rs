@@ -8,7 +8,7 @@ use std::path::Path;
 use flate2::read::GzDecoder;
 use foxhound_sim::drive::maps::rows::{Rows, rows};
 use foxhound_sim::study::{matrix, seeds};
-use foxhound_tests::{root, run_json};
+use foxhound_tests::{in_parallel, root, run_json};
 use serde_json::{Map, Value, json};
 
 /// All 22 traps end as expected, without a collision, for 20 of 20 held-out seeds.
@@ -113,6 +113,37 @@ fn rows_of_pillars_by_scan_and_waveforms_are_passed_and_none_is_touched() {
                 "drone_radius": 0.15, "sensor": sensor, "bearing": {"snr_db": 20}, "vehicle": {"model": vehicle}, "maps": maps,
             });
             assert_eq!(fly_suite(dir.path(), &suite), (40, 40, 0), "{sensor} {vehicle}");
+        }
+    }
+}
+
+/// Through corridors and out of dead ends as narrow as a metre, by ranges with errors of up to 5 cm, every flight arrives and none
+/// touches a wall: no piece of it is taken for somebody to whom it must give way.
+#[test]
+fn corridors_and_dead_ends_are_passed_by_ranges_with_errors_of_five_centimetres() {
+    let wall = |[x0, y0, x1, y1]: [f64; 4]| json!({"x0": x0, "y0": y0, "x1": x1, "y1": y1, "r": 0.1});
+    let sides = |half_m: f64, to: f64| [[-1.0, half_m, to, half_m], [-1.0, -half_m, to, -half_m]];
+    let corridor = |width_m: f64| (sides(0.5 * width_m + 0.1, 9.0).to_vec(), [0.0, 0.0], [11.0, 0.0]);
+    let dead_end = |width_m: f64| {
+        let half_m = 0.5 * width_m + 0.1;
+        ([&sides(half_m, 5.0)[..], &[[5.0, -half_m, 5.0, half_m]]].concat(), [4.0, 0.0], [9.0, 0.0])
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("scenario.json");
+    let path = file.to_string_lossy();
+    let seeds: Vec<String> = seeds::test(20).map(|seed| seed.to_string()).collect();
+    for (walls, start, goal) in [corridor(1.2), dead_end(1.0), dead_end(1.5)] {
+        for (autopilot, noise_m) in [("arducopter", 0.05), ("px4", 0.05), ("px4", 0.04)] {
+            let scenario = json!({
+                "name": "noise", "start": start, "goal": goal, "max_time_s": 300, "explore_s": 120, "obstacles": [],
+                "walls": walls.iter().copied().map(wall).collect::<Vec<_>>(), "bearing": {"snr_db": 20},
+                "vehicle": {"model": "arducopter", "autopilot": autopilot}, "sensor": {"model": "scan", "noise_m": noise_m},
+            });
+            std::fs::write(&file, scenario.to_string()).unwrap();
+            let flights = in_parallel(&seeds, |seed| run_json(&["fly", "--json", "--scenario", &path, "--seed", seed]));
+            for (_, report) in &flights {
+                assert_eq!((&report["result"], &report["collisions"]), (&json!("reached"), &json!(0)), "{report}");
+            }
         }
     }
 }

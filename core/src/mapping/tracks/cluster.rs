@@ -19,7 +19,7 @@ const WALL_M: f32 = 0.45;
 const STRAIGHT_M: f32 = 0.05;
 /// Parts of a long piece.
 const PART_M: f32 = 0.7;
-/// A gap in range deeper than this separates two objects.
+/// A gap in range deeper than this separates two objects. This and what follows grow with the noise.
 const CUSP_M: f32 = 0.08;
 /// Wider sectors give the range of a hit but not its position.
 const WIDE_RAD: f32 = 0.05;
@@ -47,6 +47,8 @@ pub(super) struct View<'a> {
     pub(super) pose: &'a Pose,
     pub(super) hits: &'a [Horizontal],
     pub(super) before: Option<(&'a Kept, Option<&'a Kept>)>,
+    /// How many times as large as usual the noise of the ranges is.
+    pub(super) noise: f32,
 }
 
 impl View<'_> {
@@ -61,7 +63,7 @@ impl View<'_> {
         let (mut through, mut left) = (0.0, hits.len() as f32);
         for hit in hits {
             let place = hit.plus(self.pose.position_ned_m);
-            if newest.saw_through(place) && other.is_none_or(|kept| kept.saw_through(place)) {
+            if newest.saw_through(place, self.noise) && other.is_none_or(|kept| kept.saw_through(place, self.noise)) {
                 through += 1.0;
             }
             left -= 1.0;
@@ -84,7 +86,7 @@ impl View<'_> {
             [] => Default::default(),
         };
         let center_ned_m = center.plus(pose.position_ned_m);
-        let sigma_m = sigma_m(scan, &ends, range_m);
+        let sigma_m = sigma_m(scan, &ends, range_m, 0.02 * self.noise);
         // A hit of the first or the last ray may lie outside of the view from where the vehicle was in the middle of the turn.
         let middle = hits.get(hits.len() / 2).map_or(0, |hit| ray_at(scan, pose, *hit)).max(0) as usize;
         let after_s = scan.after_s(middle.min(scan.rays.len().saturating_sub(1)) as f32);
@@ -116,12 +118,12 @@ pub(super) fn find(clusters: &mut Vec<Cluster, CLUSTERS_MAX>, view: &View<'_>) {
         let (Some(before), next) = (view.hits.get(to - 1), view.hits.get(to)) else { continue };
         let before_m = next_m;
         next_m = next.map_or(0.0, |next| next.norm());
-        let cut = cusp.step(to - 1, before_m);
+        let cut = cusp.step(to - 1, before_m, CUSP_M * view.noise);
         if let Some(cut) = cut.filter(|cut| *cut > from) {
             cut_up(&mut pieces, view, from..cut);
             from = cut;
         }
-        if next.is_none_or(|next| is_apart((*before, before_m), (*next, next_m), step_rad)) {
+        if next.is_none_or(|next| is_apart((*before, before_m), (*next, next_m), step_rad, view.noise)) {
             cut_up(&mut pieces, view, from..to);
             (from, cusp) = (to, Cusp::default());
         }
@@ -138,7 +140,7 @@ fn cut_up(pieces: &mut Pieces, view: &View<'_>, piece: Range<usize>) {
     let points = view.hits.get(piece.clone()).unwrap_or_default();
     let (Some(first), Some(last)) = (points.first(), points.last()) else { return };
     let chord_m = last.minus(*first).norm();
-    let is_long = is_wall(points, chord_m);
+    let is_long = is_wall(points, chord_m, STRAIGHT_M * view.noise);
     let parts = (nearest(chord_m * (1.0 / PART_M)) as usize).min(points.len()).max(1);
     for part in 0..parts {
         let at = |part: usize| (piece.start + part * points.len() / parts) as u16;
@@ -182,11 +184,11 @@ impl Default for Cusp {
 
 impl Cusp {
     /// Takes one more hit; returns the hit behind which the hollow lies, once it is passed.
-    fn step(&mut self, index: usize, range_m: f32) -> Option<usize> {
-        if range_m > self.farthest_m && range_m > self.least_m + CUSP_M {
+    fn step(&mut self, index: usize, range_m: f32, depth_m: f32) -> Option<usize> {
+        if range_m > self.farthest_m && range_m > self.least_m + depth_m {
             (self.farthest_m, self.at) = (range_m, index);
         }
-        if self.farthest_m > 0.0 && range_m < self.farthest_m - CUSP_M {
+        if self.farthest_m > 0.0 && range_m < self.farthest_m - depth_m {
             let at = self.at;
             *self = Self { least_m: range_m, ..Self::default() };
             return Some(at);
@@ -199,18 +201,18 @@ impl Cusp {
 }
 
 /// Whether two neighbours, at their ranges, are apart.
-fn is_apart((a, a_m): (Horizontal, f32), (b, b_m): (Horizontal, f32), step_rad: f32) -> bool {
+fn is_apart((a, a_m): (Horizontal, f32), (b, b_m): (Horizontal, f32), step_rad: f32, noise: f32) -> bool {
     let nearer_m = if a_m < b_m { a_m } else { b_m };
     let apart_m = a.minus(b).norm();
     if step_rad > WIDE_RAD {
         return libm::fabsf(a_m - b_m) > 0.3 || apart_m > 1.8 * step_rad * nearer_m + 0.3;
     }
-    let by_step_m = 2.5 * step_rad * nearer_m + 0.08;
-    apart_m > if by_step_m > 0.12 { by_step_m } else { 0.12 }
+    let (by_step_m, least_m) = (2.5 * step_rad * nearer_m + 0.08 * noise, 0.12 * noise);
+    apart_m > if by_step_m > least_m { by_step_m } else { least_m }
 }
 
 /// Whether the hits form something long or straight.
-fn is_wall(piece: &[Horizontal], chord_m: f32) -> bool {
+fn is_wall(piece: &[Horizontal], chord_m: f32, straight_m: f32) -> bool {
     let (Some(first), Some(last)) = (piece.first(), piece.last()) else { return true };
     if chord_m > LONG_M {
         return true;
@@ -220,7 +222,7 @@ fn is_wall(piece: &[Horizontal], chord_m: f32) -> bool {
     }
     let chord = last.minus(*first);
     let across = Horizontal { north: -chord.east, east: chord.north }.times(1.0 / chord_m);
-    piece.iter().all(|point| libm::fabsf(point.minus(*first).dot(across)) < STRAIGHT_M)
+    piece.iter().all(|point| libm::fabsf(point.minus(*first).dot(across)) < straight_m)
 }
 
 /// The centre of an object behind its hits, from where they were seen, and of which the nearest is so far.
@@ -269,9 +271,9 @@ fn ray_at(scan: &Scan, pose: &Pose, point: Horizontal) -> i32 {
 }
 
 /// How well the centre is known: less well if something nearer hides a side of it, or if the view ends there.
-fn sigma_m(scan: &Scan, ends: &[(Horizontal, i32); 2], range_m: f32) -> f32 {
+fn sigma_m(scan: &Scan, ends: &[(Horizontal, i32); 2], range_m: f32, noise_m: f32) -> f32 {
     let by_width_m = 0.3 * libm::fabsf(scan.step_rad) * range_m;
-    let mut sigma_m = if by_width_m > 0.02 { by_width_m } else { 0.02 };
+    let mut sigma_m = if by_width_m > noise_m { by_width_m } else { noise_m };
     for ((point, ray), side) in ends.iter().zip([-1, 1]) {
         let least_m = match scan.sector(ray + side) {
             Sector::Unknown => 0.15,

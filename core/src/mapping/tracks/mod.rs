@@ -12,6 +12,9 @@
 //! What a moving object leaves behind is taken out of the map ([`Tracks::left_by`]).
 //!
 //! A track is forgotten when the sensor sees through where it should be, or when it was not seen for a while.
+//!
+//! All this is for ranges with errors of up to 2.5 cm. What the sensor's are is measured (`noise`), and where they are larger, so is
+//! what must be exceeded: pieces of a wall would come and go.
 
 use heapless::Vec;
 use heapless::binary_heap::{BinaryHeap, Min};
@@ -24,7 +27,9 @@ use crate::base::units::{between, nearest, wrap_pi};
 use crate::mapping::scan::{RAYS_MAX, Ranges, Scan};
 
 mod cluster;
+mod noise;
 use cluster::Cluster;
+use noise::Noise;
 
 /// Most objects that are followed.
 pub const TRACKS_MAX: usize = 32;
@@ -42,7 +47,7 @@ const KEPT_SECTORS: usize = 120;
 const BEFORE_S: f32 = 0.25;
 /// The same for wide sectors.
 const BEFORE_WIDE_S: f32 = 0.28;
-/// A hit nearer by this than the earlier range lies where it was free.
+/// A hit nearer by this than the earlier range lies where it was free, with little noise.
 const THROUGH_M: f32 = 0.12;
 /// Share of a cluster's hits that must lie where it was free.
 const THROUGH_SHARE: f32 = 0.3;
@@ -176,9 +181,9 @@ impl Kept {
         self.ranges.take(scan);
     }
 
-    /// Whether it saw through where a hit is now.
-    fn saw_through(&self, place: Horizontal) -> bool {
-        self.sees_beyond(place, THROUGH_M)
+    /// Whether it saw through where a hit is now, with noise that is so many times as large as usual.
+    fn saw_through(&self, place: Horizontal, noise: f32) -> bool {
+        self.sees_beyond(place, THROUGH_M * noise)
     }
 
     /// Whether it sees farther by more than that in the direction of a place; not where that is not known.
@@ -241,12 +246,14 @@ pub struct Tracks {
     kept: [Kept; KEPT],
     newest: usize,
     is_kept: bool,
+    noise: Noise,
 }
 
 impl Tracks {
     /// Clears it in place.
     pub fn clear(&mut self) {
-        let Self { tracks, time, scanned, kept: _, newest, is_kept } = self;
+        // The sensor stays the same.
+        let Self { tracks, time, scanned, kept: _, newest, is_kept, noise: _ } = self;
         tracks.clear();
         (*time, *scanned, *newest, *is_kept) = (None, None, 0, false);
     }
@@ -363,8 +370,9 @@ impl Tracks {
     ) {
         let mut clusters: Vec<Cluster, CLUSTERS_MAX> = Vec::new();
         let late_s = self.time.map_or(0.0, |now| between(now.seconds_since(scan.time), 0.0, LATE_MAX_S));
-        let before = self.before(scan.time, loses_rays);
-        cluster::find(&mut clusters, &cluster::View { scan, late_s, pose, hits, before });
+        self.noise.take(scan);
+        let (before, noise) = (self.before(scan.time, loses_rays), self.noise.factor());
+        cluster::find(&mut clusters, &cluster::View { scan, late_s, pose, hits, before, noise });
         let taken = associate(&self.tracks, &mut clusters);
         let mut now = Kept::default();
         now.take(scan, pose, velocity_ned_mps);

@@ -47,6 +47,8 @@ struct Watch {
     /// Share of the rays that are lost, and whether the tracks are told.
     lost: f32,
     loses_rays: bool,
+    /// Sigma of a range.
+    noise_m: f32,
 }
 
 impl Watch {
@@ -55,7 +57,8 @@ impl Watch {
     }
 
     fn with_rays(fov_deg: f32, rays: usize) -> Self {
-        Self { tracks: Tracks::default(), now_s: 1.0, view: (fov_deg, rays), lost: 0.0, loses_rays: false }
+        let (view, tracks) = ((fov_deg, rays), Tracks::default());
+        Self { tracks, now_s: 1.0, view, lost: 0.0, loses_rays: false, noise_m: 0.0 }
     }
 
     fn look(&mut self, pose: &Pose, circles: &[(Horizontal, f32)]) {
@@ -69,6 +72,13 @@ impl Watch {
         for ray in 0..scan.rays.len() {
             if rng.uniform() < self.lost {
                 scan.rays.set(ray, Sector::Clear);
+            }
+        }
+        if self.noise_m > 0.0 {
+            for ray in 0..scan.rays.len() {
+                if let Sector::Hit(exact_m) = scan.rays.get(ray) {
+                    scan.rays.set(ray, Sector::Hit((exact_m + self.noise_m * rng.gaussian()).max(0.01)));
+                }
             }
         }
         self.tracks.advance(now);
@@ -215,6 +225,35 @@ fn nothing_of_a_wall_moves_however_it_is_flown_along() {
     }
 }
 
+/// Ranges with errors of several centimetres make nobody of a wall, and who walks is followed all the same.
+#[test]
+fn noise_makes_nobody_of_a_wall() {
+    let side = |east: f32| (0..60).map(move |k| (horizontal(0.15 * k as f32 - 1.0, east), 0.1));
+    let end = (0..8).map(|k| (horizontal(6.0, 0.15 * k as f32 - 0.6), 0.1));
+    let world: StdVec<_> = side(-0.6).chain(side(0.6)).chain(end).collect();
+    for noise_m in [0.03, 0.04, 0.05] {
+        let mut followed = 0;
+        for flight in 0..20 {
+            let (mut rng, mut watch) = (Rng::new(flight, 0), Watch::new(90.0));
+            watch.noise_m = noise_m;
+            for look in 0..60 {
+                let yaw_rad = 0.6 * (0.3 * look as f32).sin();
+                let pose = Pose { position_ned_m: horizontal(0.06 * look as f32, 0.0), yaw_rad };
+                watch.look_with(&pose, &world, &mut rng);
+                assert_eq!(watch.moving(), [], "{noise_m} {flight} {look}");
+            }
+            for look in 0..25 {
+                let person = horizontal(5.5, 0.14 * look as f32 - 1.4);
+                let there = [(person, RADIUS_M)];
+                let pose = Pose { position_ned_m: horizontal(3.5, 0.0), yaw_rad: 0.0 };
+                watch.look_with(&pose, if look < 5 { &[] } else { &there }, &mut rng);
+            }
+            followed += watch.moving().len();
+        }
+        assert_eq!(followed, 20, "{noise_m}");
+    }
+}
+
 /// A ray that was lost says of a place that it was free.
 #[test]
 fn of_a_sensor_that_loses_rays_two_scans_must_have_seen_through() {
@@ -286,7 +325,10 @@ fn who_is_at_the_first_edge_of_the_view_was_seen_in_this_turn() {
     for hits in [&look.points_m[..], &[horizontal(2.0, -2.0)]] {
         let mut clusters = Vec::new();
         let pose = &Pose::default();
-        cluster::find(&mut clusters, &cluster::View { scan: &scan, late_s: 0.05, pose, hits, before: None });
+        cluster::find(
+            &mut clusters,
+            &cluster::View { scan: &scan, late_s: 0.05, pose, hits, before: None, noise: 1.0 },
+        );
         assert!((0.05..=0.101).contains(&clusters[0].ago_s), "{clusters:?}");
     }
 }
