@@ -5,9 +5,9 @@ use crate::base::units::{between, sin_cos, wrap_pi};
 use crate::signal::phase::Complex;
 
 /// Most steps of Newton's from the table to a maximum, and the change of the outermost antenna's phase that ends them: what
-/// remains is of the order of its square.
-const STEPS_MAX: usize = 4;
-const STEP_LAST: f32 = 0.03;
+/// remains is of the order of its square, and near the end of a line, beside the mirror image, of the order of itself.
+const STEPS_MAX: usize = 8;
+const STEP_LAST: f32 = 0.003;
 /// A further maximum is refined if it has this share of the best. Of lower ones the parabola through three directions will do.
 const REFINED: f32 = 0.4;
 

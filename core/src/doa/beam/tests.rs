@@ -58,6 +58,21 @@ fn a_line_has_a_mirror_and_a_wide_square_has_rivals() {
     assert!(peak.ambiguities(0.1) >= 1, "{peak:?}");
 }
 
+/// Near the end of a line the maximum and its mirror image are close together. What counts is the phase of the outermost antenna.
+#[test]
+fn near_the_end_of_a_line_the_maximum_is_found_too() {
+    for count in [3, 5, 8] {
+        let antennas_m: Vec<_> = (0..count).map(|k| [0.25 * k as f32, 0.0]).collect();
+        let (line, half_rad) = (beam(&antennas_m), 0.125 * TAU * (count - 1) as f32);
+        for tenth in 1600..1800 {
+            let azimuth_rad = (0.1 * tenth as f32).to_radians();
+            let peak = line.find(&covariance_of(&line.toward(azimuth_rad))).unwrap();
+            let off_rad = half_rad * (libm::cosf(peak.azimuth_rad) - libm::cosf(azimuth_rad));
+            assert!(libm::fabsf(off_rad) < 2e-3, "{count} {tenth}: {off_rad} {peak:?}");
+        }
+    }
+}
+
 #[test]
 fn bad_geometry_is_refused_by_name() {
     let refused = |antennas_m: &[[f32; 2]]| config(antennas_m).build().unwrap_err().field;
