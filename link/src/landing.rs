@@ -37,6 +37,11 @@ impl Request {
         Self { tries: 0, due: Instant(0) }
     }
 
+    /// The clock may have been set back.
+    pub(crate) fn follow_clock(&mut self, now: Instant) {
+        self.due = self.due.min(now);
+    }
+
     /// The command, when it is due. Once the autopilot has left our mode or is disarmed, the same landing asks for no other.
     #[inline(never)]
     pub(crate) fn poll(

@@ -65,6 +65,8 @@ impl Companion {
             self.health.follow_clock(now);
             self.sources.follow_clock(now);
             self.advice.follow_clock(now);
+            self.params.follow_clock(now);
+            self.landing.follow_clock(now);
             if let Some(position) = &mut self.position {
                 position.time = position.time.min(now);
             }

@@ -50,9 +50,14 @@ impl Companion {
             seeking: self.seeking,
             fence_breached: self.health.is_fence_breached(),
             is_noisy: self.noise.percent > NOISE_HOLD_PERCENT,
-            ownship_lost: self.usable_at.is_some_and(|at| is_over(now, at, OWNSHIP_LOST_S)),
+            ownship_lost: self.is_ownship_lost(now),
         }
         .cause()
+    }
+
+    /// Whether there has been no usable ownship for so long that setpoints end.
+    pub(super) fn is_ownship_lost(&self, now: Instant) -> bool {
+        self.usable_at.is_some_and(|at| is_over(now, at, OWNSHIP_LOST_S))
     }
 
     /// Whether the autopilot would obey us.

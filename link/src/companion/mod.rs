@@ -212,6 +212,8 @@ pub struct Companion {
     noise: Noise,
     advice: Advice,
     sources: Sources,
+    /// Of `ArduPilot`, and of another component.
+    proximity: Beams,
     beams: Beams,
     /// The component whose scan was accepted last.
     last_scan_of: u8,
@@ -284,6 +286,7 @@ impl Companion {
             noise: Noise { since: Instant(0), good: 0, bad: 0, percent: 0 },
             advice: Advice::new(),
             sources: Sources::new(),
+            proximity: Beams::new(),
             beams: Beams::new(),
             turns: Turns::new(),
             last_scan_of: 0,

@@ -168,7 +168,8 @@ impl Companion {
             // It may have landed meanwhile.
             self.landed_state = 0;
         }
-        self.has_crashed &= autopilot.armed;
+        // Of a heartbeat that is no autopilot's nothing follows.
+        self.has_crashed &= autopilot.armed || autopilot.software == Software::Other;
         if !autopilot.obeys() {
             self.entry_needed &= self.may_reenter(autopilot.software);
             self.has_ended = false;
@@ -416,7 +417,7 @@ impl Companion {
         self.usable_at = None;
         self.ground = None;
         self.turns.clear();
-        self.beams = Beams::new();
+        (self.proximity, self.beams) = (Beams::new(), Beams::new());
         self.points = None;
         // Whatever the mode was: only a heartbeat in another mode, received from now on, lifts it.
         self.entry_needed = true;
@@ -491,7 +492,8 @@ impl Companion {
         }
         self.note_source(header, content, beam.id);
         let is_ardupilot = self.is_ardupilot() && self.is_autopilot(header);
-        match self.beams.sector(header.component_id, is_ardupilot, &beam) {
+        let beams = if is_ardupilot { &mut self.proximity } else { &mut self.beams };
+        match beams.sector(header.component_id, is_ardupilot, &beam) {
             Some((sectors, untold)) => {
                 let reading = Reading { yaw_rad: None, zero_touches: false, untold };
                 self.on_sectors(header.component_id, &sectors, Some(reading));

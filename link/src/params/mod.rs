@@ -225,6 +225,11 @@ impl Params {
         }
     }
 
+    /// The clock may have been set back.
+    pub(crate) fn follow_clock(&mut self, now: Instant) {
+        self.due = self.due.min(now);
+    }
+
     /// What is to be sent next, if it is due. Call it when nothing else waits to be sent, and what it returned before
     /// has been sent.
     #[inline(never)]

@@ -603,6 +603,33 @@ fn after_a_crash_of_our_own_px4_does_not_hand_control_back_by_itself() {
     flight.bench.say(&command(193, 1.0));
     flight.enter_afresh(leave);
     flight.assert_flies();
+
+    // What is heard first is a script.
+    let mut flight = Flight::new(PX4, Config::default());
+    flight.bench.companion.note_crash();
+    flight.bench.say_as((255, 0), &MavMessage::HEARTBEAT(HEARTBEAT_DATA::DEFAULT));
+    leave(flight.bench.heartbeat.as_mut().unwrap());
+    flight.run(1.1);
+    assert!(flight.setpoints(2.0).is_empty(), "a script's heartbeat says nothing of PX4");
+}
+
+/// PX4 leaves OFFBOARD for its own failsafe when setpoints end, and zeros would take it back.
+#[test]
+fn without_a_position_px4_gets_no_zeros_outside_of_offboard_either() {
+    let mut flight = Flight::of(PX4);
+    flight.position_is_silent = true;
+    flight.run(3.0);
+    flight.assert_silent(Cause::OwnshipLost);
+    let in_mode = flight.bench.heartbeat.clone().unwrap();
+    flight.bench.heartbeat.as_mut().unwrap().custom_mode = 4 << 16;
+    flight.run(1.1);
+    flight.assert_silent(Cause::NotInMode);
+    flight.position_is_silent = false;
+    flight.run(1.0);
+    assert!(!flight.setpoints(1.0).is_empty(), "with a position OFFBOARD can be entered");
+    flight.bench.heartbeat = Some(in_mode);
+    flight.run(1.1);
+    flight.assert_flies();
 }
 
 #[test]

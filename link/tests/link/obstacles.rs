@@ -163,6 +163,28 @@ fn a_beam_of_unknown_width_fills_45_degrees_and_eight_of_them_are_a_scan() {
     assert_eq!(bench.companion.obstacle_sources(bench.now()).count(), sources);
 }
 
+/// A direction that was told once and is missing in a turn is unknown, whoever else has a beam.
+#[test]
+fn a_beam_of_another_component_does_not_make_a_missing_direction_of_ardupilot_clear() {
+    let mut bench = Bench::new(Config::default());
+    bench.say(&MavMessage::HEARTBEAT(heartbeat(ARDUPILOT, GUIDED, ARMED)));
+    bench.step(10_000);
+    let wide = |orientation, id| match beam(orientation, 300) {
+        MavMessage::DISTANCE_SENSOR(narrow) => {
+            MavMessage::DISTANCE_SENSOR(DISTANCE_SENSOR_DATA { id, horizontal_fov: 0.0, ..narrow })
+        }
+        _ => unreachable!(),
+    };
+    (0..8).for_each(|orientation| bench.say(&wide(orientation, 10 + orientation)));
+    assert!(bench.take_scan().unwrap().rays.iter().all(|ray| ray == Sector::Hit(3.0)));
+    bench.companion.drop_obstacles();
+    bench.say_as((1, 158), &wide(0, 0));
+    [0, 1, 2, 3, 4, 6, 7].into_iter().for_each(|orientation| bench.say(&wide(orientation, 10 + orientation)));
+    let scan = bench.take_scan().unwrap();
+    let count = |sector| scan.rays.iter().filter(|ray| *ray == sector).count();
+    assert_eq!((count(Sector::Hit(3.0)), count(Sector::Clear)), (63, 0));
+}
+
 #[test]
 fn a_beam_that_sees_nothing_is_a_word_and_one_that_does_not_look_ahead_or_does_not_read_is_none() {
     let mut bench = Bench::flying();

@@ -22,8 +22,8 @@ fn waiting(software: Software) -> Stream {
     }
 }
 
-/// The stream ends: ArduCopter stays in GUIDED, PX4 leaves OFFBOARD after a second of silence (`COM_OF_LOSS_T`) and is
-/// streamed zeros again then.
+/// The stream ends: ArduCopter stays in GUIDED, PX4 leaves OFFBOARD after a second of silence (`COM_OF_LOSS_T`), and no zeros take it
+/// back.
 fn expect_silence_and_its_end(stand: &mut Stand, why: &str) {
     // It may have ended already.
     let from = stand.steps.len() - 100;
@@ -34,13 +34,7 @@ fn expect_silence_and_its_end(stand: &mut Stand, why: &str) {
     let times_s: Vec<f64> = times_s.chain([ends_s]).collect();
     let longest_s =
         times_s.windows(2).map(|pair| pair[1] - pair[0]).fold(times_s[0] - stand.steps[from].time_s(), f64::max);
-    match stand.software {
-        Software::ArduCopter => assert!(longest_s > 4.0, "{why}: silent for {longest_s} s only"),
-        Software::Px4 => {
-            assert!((1.0..2.2).contains(&longest_s), "{why}: silent for {longest_s} s");
-            assert_eq!(stand.stream_now(), Stream::Zero, "{why}");
-        }
-    }
+    assert!(longest_s > 4.0, "{why}: silent for {longest_s} s only");
     let obeyed = stand.steps[stand.steps.len() - 1].obeyed;
     assert_eq!(obeyed, stand.software == Software::ArduCopter, "{why}");
 }
