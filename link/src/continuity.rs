@@ -10,8 +10,9 @@
 //! ```
 //!
 //! A position is a jump when it is farther from where the last one led than `max(0.15 m, 3 v dt + 0.1 m)`, with `v` the
-//! faster of the two speeds, and than five times what it lately was off in the mean: noise that is hidden when it goes one way and
-//! not when it comes back would move our frame. Or it is one when a message says so (`ODOMETRY.reset_counter`, a new
+//! faster of the two speeds, and than five times the noise: noise that is hidden when it goes one way and not when it comes back would
+//! move our frame. Noise comes back: what one position is off by is made up for by the next. Steps that go on in one direction are
+//! none. Or it is one when a message says so (`ODOMETRY.reset_counter`, a new
 //! `GPS_GLOBAL_ORIGIN`). A heading is a jump when it is more than 10 degrees from where the yaw rate led. Until the first jump
 //! both frames are the same, to the bit.
 
@@ -24,7 +25,7 @@ const STEP_PER_WAY: f32 = 3.0;
 const STEP_MARGIN_M: f32 = 0.1;
 /// The least where no velocities are reported.
 const BLIND_STEP_MIN_M: f32 = 1.0;
-/// Of the mean squared distance from where the last position led: its weight, and how many roots of it are a jump.
+/// Of the mean square of what positions are off by and come back from: its weight, and how many roots of it are a jump.
 const NOISE_WEIGHT: f32 = 1.0 / 16.0;
 const NOISES: f32 = 5.0;
 /// After a longer gap a change of position is not taken for a jump.
@@ -40,8 +41,9 @@ pub(crate) struct Continuity {
     sin: f32,
     cos: f32,
     shift_m: Ned,
-    /// Mean squared distance of a position from where the last one led; a jump counts as the limit.
+    /// Mean square of how far a position was off from where the last one led, as far as the next came back; a jump counts as the limit.
     noise_m2: f32,
+    off_m: Ned,
     /// Whether there was a jump at all.
     differs: bool,
     /// A message said that the next position, or the next heading, begins anew.
@@ -80,6 +82,7 @@ impl Continuity {
             cos: 1.0,
             shift_m: Ned { north: 0.0, east: 0.0, down: 0.0 },
             noise_m2: 0.0,
+            off_m: Ned { north: 0.0, east: 0.0, down: 0.0 },
             differs: false,
             place_is_new: false,
             heading_is_new: false,
@@ -118,8 +121,13 @@ impl Continuity {
         let least_m = if least_m > noise_m { least_m } else { noise_m };
         let limit_m = if limit_m > least_m { limit_m } else { least_m };
         let jumped_m = norm(step_m);
-        let off_m = if jumped_m < limit_m { jumped_m } else { limit_m };
-        self.noise_m2 += NOISE_WEIGHT * (off_m * off_m - self.noise_m2);
+        let share = if jumped_m > limit_m { limit_m / jumped_m } else { 1.0 };
+        let off_m = Ned { north: share * step_m.north, east: share * step_m.east, down: share * step_m.down };
+        let Ned { north, east, down } = core::mem::replace(&mut self.off_m, off_m);
+        // Of white noise twice the product of neighbours is minus the mean square.
+        let came_back_m2 = -2.0 * (north * off_m.north + east * off_m.east + down * off_m.down);
+        let noise_m2 = self.noise_m2 + NOISE_WEIGHT * (came_back_m2 - self.noise_m2);
+        self.noise_m2 = if noise_m2 > 0.0 { noise_m2 } else { 0.0 };
         if jumped_m <= limit_m && !is_new {
             return None;
         }
