@@ -252,10 +252,9 @@ pub struct Tracks {
 impl Tracks {
     /// Clears it in place.
     pub fn clear(&mut self) {
-        // The sensor stays the same.
-        let Self { tracks, time, scanned, kept: _, newest, is_kept, noise: _ } = self;
+        let Self { tracks, time, scanned, kept: _, newest, is_kept, noise } = self;
         tracks.clear();
-        (*time, *scanned, *newest, *is_kept) = (None, None, 0, false);
+        (*time, *scanned, *newest, *is_kept, *noise) = (None, None, 0, false, Noise::default());
     }
 
     /// All tracks.
