@@ -179,7 +179,11 @@ fn a_beam_of_another_component_does_not_make_a_missing_direction_of_ardupilot_cl
     assert!(bench.take_scan().unwrap().rays.iter().all(|ray| ray == Sector::Hit(3.0)));
     bench.companion.drop_obstacles();
     bench.say_as((1, 158), &wide(0, 0));
-    [0, 1, 2, 3, 4, 6, 7].into_iter().for_each(|orientation| bench.say(&wide(orientation, 10 + orientation)));
+    // The next turn begins.
+    for orientation in [0, 1, 2, 3, 4, 6, 7, 0] {
+        bench.step(10_000);
+        bench.say(&wide(orientation, 10 + orientation));
+    }
     let scan = bench.take_scan().unwrap();
     let count = |sector| scan.rays.iter().filter(|ray| *ray == sector).count();
     assert_eq!((count(Sector::Hit(3.0)), count(Sector::Clear)), (63, 0));
