@@ -22,7 +22,7 @@ const PART_M: f32 = 0.7;
 /// A gap in range deeper than this separates two objects. This and what follows grow with the noise.
 const CUSP_M: f32 = 0.08;
 /// Wider sectors give the range of a hit but not its position.
-const WIDE_RAD: f32 = 0.05;
+pub(super) const WIDE_RAD: f32 = 0.05;
 /// Most Gauss-Newton steps, and the length of a step below which the fit has converged.
 const STEPS: usize = 4;
 const ENOUGH_M: f32 = 0.003;

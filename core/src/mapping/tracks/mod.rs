@@ -277,7 +277,7 @@ impl Tracks {
         let mut old =
             (0..KEPT).map(|k| (self.newest + KEPT - k) % KEPT).filter_map(|at| self.kept.get(at)).filter(|kept| {
                 let age_s = now.seconds_since(kept.time);
-                let before_s = if libm::fabsf(kept.step_rad) > 0.05 { BEFORE_WIDE_S } else { BEFORE_S };
+                let before_s = if libm::fabsf(kept.step_rad) > cluster::WIDE_RAD { BEFORE_WIDE_S } else { BEFORE_S };
                 (before_s..1.0).contains(&age_s) && kept.step_rad != 0.0
             });
         let newest = old.next()?;

@@ -4,14 +4,13 @@
 //! follows from the other two. What it is off by has 1.22 times the sigma of a range, and a median of 0.83 sigma. Corners, edges and
 //! what is round are off by more; they are the fewer, and the median does not mind by how much.
 
+use super::cluster::WIDE_RAD;
 use crate::mapping::scan::{Scan, Sector};
 
 /// Sigma of a range up to which the constants of tracks hold.
 const USUAL_M: f32 = 0.025;
 /// Median of what the middle range is off by, for a sigma of one.
 const MEDIAN: f32 = 0.826;
-/// Wider sectors have no straight lines.
-const WIDE_RAD: f32 = 0.05;
 /// Most triples of one scan.
 const TRIPLES: usize = 72;
 /// How far the median moves for each of them, at least: 4 cm in a second of scans of 72 rays at 10 Hz.
@@ -29,7 +28,7 @@ pub(super) struct Noise {
 }
 
 impl Noise {
-    /// Takes in a scan.
+    /// Takes in a scan, unless its sectors are so wide that they show no straight lines.
     #[inline(never)]
     pub(super) fn take(&mut self, scan: &Scan) {
         if libm::fabsf(scan.step_rad) > WIDE_RAD {
