@@ -203,17 +203,17 @@ impl Beam {
     fn refined(&self, heard: &impl Heard, azimuth_rad: f32) -> (f32, f32) {
         let mut azimuth_rad = azimuth_rad;
         let most_rad = 0.5 * self.step_rad;
-        for _ in 0..STEPS_MAX {
+        let mut steps = 0;
+        loop {
             let Near { power, slope, bend } = heard.near(self, azimuth_rad);
             // Where the power bends upwards, the maximum is uphill.
             let wanted_rad = if bend < 0.0 { -slope / bend } else { libm::copysignf(0.5 * most_rad, slope) };
             let step_rad = between(wanted_rad, -most_rad, most_rad);
-            azimuth_rad += step_rad;
-            if libm::fabsf(step_rad) * self.reach < STEP_LAST {
+            (azimuth_rad, steps) = (azimuth_rad + step_rad, steps + 1);
+            if libm::fabsf(step_rad) * self.reach < STEP_LAST || steps == STEPS_MAX {
                 return (azimuth_rad, power + step_rad * (slope + 0.5 * step_rad * bend));
             }
         }
-        (azimuth_rad, heard.near(self, azimuth_rad).power)
     }
 
     /// See [`Peak::sensitivity`].
