@@ -19,9 +19,8 @@ const LINE_RATIO: f32 = 6.0;
 pub(super) struct Candidate {
     /// Its interpolated frequency, as phase per sample.
     pub(super) at: u32,
-    /// Whether it is the tracked line.
+    /// Whether it is the tracked line, to within half a bin, so that it can be followed there.
     pub(super) is_held: bool,
-    /// Whether the tracked frequency is within half a bin, so that it can be followed there.
     pub(super) is_near: bool,
     /// Whether it is high enough for a closer test.
     pub(super) is_worth_it: bool,
@@ -88,7 +87,8 @@ impl<const N: usize> Extractor<N> {
         }
     }
 
-    /// Chooses the line that may be the tone, corrects the floors for it, and looks for other lines.
+    /// Chooses the line that may be the tone and corrects the floors for it; returns also whether there are other
+    /// lines.
     #[inline(never)]
     pub(super) fn choose(&self, state: &mut State<N>, workspace: &mut [f32; N]) -> Candidate {
         self.statistics(&state.spectrum, &state.floors, workspace);
@@ -103,9 +103,7 @@ impl<const N: usize> Extractor<N> {
         let [quieter, louder] = louder_beside(workspace, &peak);
         // A strong line has skirts at its side.
         let measured = if is_comparable { quieter } else { louder };
-        // Noise that has changed is not averaged with what it was.
-        let is_alike = is_near && measured < 2.0 * state.beside && state.beside < 2.0 * measured;
-        let smoothed = if is_alike { state.beside + SMOOTHING * (measured - state.beside) } else { measured };
+        let smoothed = if is_near { state.beside + SMOOTHING * (measured - state.beside) } else { measured };
         let beside = Self::unless_white(smoothed);
         self.take_over_floors(state, &peak, beside);
         if state.interferer {

@@ -18,11 +18,6 @@ pub(super) const LINE_THRESHOLD: f32 = 8.0;
 const LINES_MAX: usize = 12;
 /// A line's own bins either side, in Hann's window.
 const LOBE_BINS: usize = 3;
-/// A line this close to the peak cannot be told from it.
-const APART_BINS: usize = 1;
-/// A side of the peak with no more bins is filled by a line if its median is so many times its least.
-const FILLED_BINS: usize = 8;
-const FILLED: f32 = 32.0;
 /// A peak's share in the bin `d` away is at most half of this over `d^6`, where that is more than three bins.
 const SKIRT: f32 = 0.8;
 /// The largest number of bins on one side of a peak in which the noise is measured.
@@ -48,7 +43,7 @@ impl<const N: usize> Extractor<N> {
         (apart && near.statistic >= COMPARABLE * strongest.statistic).then_some(near)
     }
 
-    /// Fills the workspace with the mean over the channels of power over floor, from bin 1 to N/2 - 1, and zero beside them.
+    /// Fills the workspace with the mean over the channels of power over floor, from bin 1 to N/2 - 1.
     #[inline(never)]
     pub(super) fn statistics(&self, spectrum: &Spectrum<N>, floors: &[f32; CHANNELS], workspace: &mut [f32; N]) {
         let [a, b, c, d] = core::array::from_fn(|channel| {
@@ -58,8 +53,6 @@ impl<const N: usize> Extractor<N> {
         for (sum, ((first, second), (third, fourth))) in workspace.iter_mut().skip(1).zip(powers) {
             *sum = first as f32 * a + second as f32 * b + third as f32 * c + fourth as f32 * d;
         }
-        // What lies beyond the ends is no higher.
-        (workspace[0], workspace[N / 2]) = (0.0, 0.0);
     }
 
     /// The highest peak between two frequencies in bins, interpolated. A slope towards a line outside does not count.
@@ -106,21 +99,17 @@ pub(super) fn other_line<const N: usize>(values: &[f32; N], peak: &Peak) -> [boo
         let bins = k.abs_diff(peak.bin);
         if *value > LINE_THRESHOLD && bins > LOBE_BINS {
             let away = bins as f32;
+            let skirt = peak.statistic * SKIRT / (away * away * away * away * away * away);
             is_comparable |= *value > bound;
-            disturbs |= *value - skirt(peak, away) > 0.25 * core::f32::consts::PI * core::f32::consts::PI * away * away;
+            disturbs |= *value - skirt > 0.25 * core::f32::consts::PI * core::f32::consts::PI * away * away;
         }
     }
     [is_comparable, is_comparable || disturbs]
 }
 
-/// What a peak passes to a bin so many bins away, at most.
-fn skirt(peak: &Peak, away: f32) -> f32 {
-    peak.statistic * SKIRT / (away * away * away * away * away * away)
-}
-
 /// How much louder the noise is beside a peak than the floor of the whole spectrum, at the quieter side and at the louder one: about
 /// 1 for white noise. Noise that is louder at some frequencies, as that of propellers, has maxima that are no lines. A side
-/// that has less than two bins within the spectrum, or is short and filled by a line, counts as the other one.
+/// of less than two bins within the spectrum counts as the other one.
 pub(super) fn louder_beside<const N: usize>(values: &[f32; N], peak: &Peak) -> [f32; 2] {
     // A twenty-fifth of the sample rate on either side: with 256 samples, half of the bins are not of one line's.
     let reach = (5 * N / 128).clamp(6, SIDE_BINS_MAX);
@@ -142,15 +131,13 @@ fn louder<const N: usize>(values: &[f32; N], peak: &Peak, side: Range<usize>) ->
     let leaking = peak.statistic * passed(fraction) * passed(fraction);
     let mut away = side.start as f32 - peak.bins;
     let mut noise = [0.0; SIDE_BINS_MAX];
-    let (mut least, mut count) = (f32::MAX, 0);
+    let mut count = 0;
     for (noise, value) in noise.iter_mut().zip(values.get(side)?) {
         *noise = (value - leaking / (passed(away) * passed(away))).max(0.0);
-        least = if *value < least { *value } else { least };
         away += 1.0;
         count += 1;
     }
-    let noise = noise.get_mut(..count).filter(|noise| noise.len() > 1)?;
-    nth(noise, count / 2).filter(|median| count > FILLED_BINS || *median < FILLED * least)
+    nth(noise.get_mut(..count).filter(|noise| noise.len() > 1)?, count / 2)
 }
 
 /// Leakage of the other lines into each channel's phasor with Hann's window, as a variance in squared ADC units.
@@ -165,29 +152,21 @@ pub(super) fn leakage<const N: usize>(spectrum: &Spectrum<N>, values: &[f32; N],
     let half_step_sine = |bins: f32| sin_cos(core::f32::consts::PI / N as f32 * bins).0;
     let mut leakage = [0.0; CHANNELS];
     let mut count = 0;
-    // Of every line the mean over the block, `1 / (pi k)` of its amplitude at most, was taken off: bin 1 has a part of that.
-    let share_of_mean = |bins: f32| 1.0 / (core::f32::consts::PI * core::f32::consts::PI * bins * bins);
-    let mut means = peak.statistic * share_of_mean(peak.bins);
-    for (k, value) in values.iter().enumerate().take(N / 2).skip(1).rev() {
-        let bins_off = k.abs_diff(peak.bin);
-        if *value <= LINE_THRESHOLD || !is_summit(values, k) || bins_off <= APART_BINS || count == LINES_MAX {
-            continue;
-        }
-        let own = skirt(peak, bins_off as f32) + if k == 1 { means } else { 0.0 };
-        if *value - own <= LINE_THRESHOLD {
+    for (k, value) in values.iter().enumerate().take(N / 2 - 2).skip(3) {
+        let is_line = *value > LINE_THRESHOLD && is_summit(values, k);
+        if !is_line || k.abs_diff(peak.bin) <= LOBE_BINS || count == LINES_MAX {
             continue;
         }
         count += 1;
         let bins = interpolated(values, k);
-        means += value * share_of_mean(bins);
         let away = bins - peak.bins;
         let (sine, _) = sin_cos(core::f32::consts::PI * away);
         let blur = 2.0 * INTERPOLATION_VARIANCE * core::f32::consts::PI * core::f32::consts::PI;
         let falloff = core::f32::consts::PI * away * (away * away - 1.0);
         let constant = (N * N) as f32 * half_step_sine(bins) * half_step_sine(peak.bins);
-        let passed = ((sine * sine + blur) / (falloff * falloff)).min(1.0) + 32.0 / (constant * constant);
+        let passed = (sine * sine + blur) / (falloff * falloff) + 32.0 / (constant * constant);
         for ((sum, scale), channel) in leakage.iter_mut().zip(scales).zip(0..) {
-            let lobe = [k.max(2) - 1, k, (k + 1).min(N / 2 - 1)].map(|bin| spectrum.power(channel, bin) as f32);
+            let lobe = [k - 1, k, k + 1].map(|bin| spectrum.power(channel, bin) as f32);
             *sum += scale * passed * (lobe[0] + lobe[1] + lobe[2]);
         }
     }
