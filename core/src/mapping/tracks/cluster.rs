@@ -19,7 +19,7 @@ const WALL_M: f32 = 0.45;
 const STRAIGHT_M: f32 = 0.05;
 /// Parts of a long piece.
 const PART_M: f32 = 0.7;
-/// A gap in range deeper than this separates two objects. This and what follows grow with the noise.
+/// A gap in range deeper than this separates two objects.
 const CUSP_M: f32 = 0.08;
 /// Wider sectors give the range of a hit but not its position.
 pub(super) const WIDE_RAD: f32 = 0.05;
@@ -47,7 +47,7 @@ pub(super) struct View<'a> {
     pub(super) pose: &'a Pose,
     pub(super) hits: &'a [Horizontal],
     pub(super) before: Option<(&'a Kept, Option<&'a Kept>)>,
-    /// How many times as large as usual the noise of the ranges is.
+    /// How many times as large as usual the noise of the ranges is: `CUSP_M`, `STRAIGHT_M`, what is apart and sigma grow with it.
     pub(super) noise: f32,
 }
 

@@ -21,7 +21,8 @@
 //!
 //! **Other lines.** With another line within 10 dB, or one that would disturb it, the fit is weighted by Hann's window: the
 //! variance is half as much again, but lines more than three bins away are suppressed to `sin pi d / (pi d (d^2 - 1))` of their
-//! amplitude, which [`Phasors::noise`] then includes. Every frame is then acquired anew.
+//! amplitude, which [`Phasors::noise`] then includes. Every frame is then acquired anew. A line within three bins of the tone or of an
+//! end of the spectrum is not in that noise, and turns the phase by more than it says.
 //!
 //! Cost of four channels, N = 256: bench rows `phasors` (products with a known reference), `spectrum` (periodogram),
 //! `phase_tracking`, `phase_renewing` (with the floor), `phase_first`; other libraries stand beside the first two.
