@@ -28,7 +28,7 @@ impl Autopilot {
         };
         if may {
             self.change_mode(mode);
-            self.flight.lost_us = None;
+            self.flight.is_in_failsafe = false;
         }
         may
     }

@@ -111,8 +111,8 @@ pub(super) struct Flight {
     pub(super) goal: Option<Goal>,
     /// When the last acceptable setpoint came, obeyed or not (PX4).
     pub(super) stream_us: Option<u64>,
-    /// When OFFBOARD lost its stream (PX4).
-    pub(super) lost_us: Option<u64>,
+    /// Whether another mode is flown instead of OFFBOARD, which has lost its stream (PX4).
+    pub(super) is_in_failsafe: bool,
     pub(super) takeoff_down_m: Option<f64>,
     /// The mode of all this.
     pub(super) mode: Option<u32>,
@@ -134,7 +134,7 @@ impl Flight {
             has_flown: false,
             goal: None,
             stream_us: None,
-            lost_us: None,
+            is_in_failsafe: false,
             takeoff_down_m: None,
             mode: None,
             home_ned_m: None,

@@ -41,7 +41,6 @@ impl Parameters {
             // [src: commander_params, mavlink module.yaml]; RTL_RETURN_ALT of 60 m is more than a test can wait for.
             Software::Px4 => &[
                 ("COM_OF_LOSS_T", 1.0, REAL32),
-                ("COM_FAIL_ACT_T", 5.0, REAL32),
                 ("COM_OBL_RC_ACT", 0.0, INT32),
                 ("COM_RC_OVERRIDE", 1.0, INT32),
                 ("COM_RCL_EXCEPT", 0.0, INT32),

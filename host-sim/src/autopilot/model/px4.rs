@@ -46,10 +46,10 @@ const BODY_NED: u8 = 8;
 
 impl Autopilot {
     pub(super) fn px4_status(&self) -> MavState {
-        match (self.flight.lost_us, self.armed) {
-            (Some(_), _) => MavState::MAV_STATE_CRITICAL,
-            (None, true) => MavState::MAV_STATE_ACTIVE,
-            (None, false) => MavState::MAV_STATE_STANDBY,
+        match (self.armed, self.flight.is_in_failsafe) {
+            (true, true) => MavState::MAV_STATE_CRITICAL,
+            (true, false) => MavState::MAV_STATE_ACTIVE,
+            (false, _) => MavState::MAV_STATE_STANDBY,
         }
     }
 
@@ -96,29 +96,37 @@ impl Autopilot {
         (self.parameters.get(parameter) * 1e6) as u64
     }
 
-    /// Without a setpoint for `COM_OF_LOSS_T` OFFBOARD is left: Hold for `COM_FAIL_ACT_T`, then the action of
-    /// `COM_OBL_RC_ACT` \[src\]. It does not come back by itself \[inf\]; a pilot's choice ends the failsafe \[src\].
+    /// Without a setpoint for `COM_OF_LOSS_T` another mode, that of `COM_OBL_RC_ACT`, is flown instead of OFFBOARD, at once, until there is one again or a
+    /// pilot chooses a mode \[src: `Failsafe::checkModeFallback` is given the mode that is wanted by value, and its action is removed
+    /// `WhenConditionClears`; `COM_FAIL_ACT_T` delays only actions that allow `UserTakeoverAllowed::Auto`\].
     pub(super) fn px4_watch_the_stream(&mut self, now_us: u64) {
-        if self.custom_mode == OFFBOARD && self.armed && !self.stream_is_fresh(now_us) {
-            self.change_mode(HOLD);
-            self.flight.lost_us = Some(now_us);
-            self.text(MavSeverity::MAV_SEVERITY_CRITICAL, "Failsafe: no offboard signal, entering Hold");
+        let is_lost = self.armed && !self.stream_is_fresh(now_us);
+        if self.flight.is_in_failsafe && !is_lost {
+            self.change_mode(OFFBOARD);
+            self.flight.is_in_failsafe = false;
+        } else if self.custom_mode == OFFBOARD && is_lost {
+            self.text(MavSeverity::MAV_SEVERITY_CRITICAL, "Failsafe activated");
+            let Some(fallback) = self.px4_fallback() else {
+                self.armed = false;
+                return;
+            };
+            self.change_mode(fallback);
+            self.flight.is_in_failsafe = true;
         }
-        let Some(lost_us) = self.flight.lost_us else { return };
-        if now_us < lost_us + self.seconds_us("COM_FAIL_ACT_T") {
-            return;
-        }
-        self.flight.lost_us = None;
-        match self.parameters.get("COM_OBL_RC_ACT") as u8 {
+    }
+
+    /// The mode of `COM_OBL_RC_ACT`; `None` disarms.
+    fn px4_fallback(&self) -> Option<u32> {
+        Some(match self.parameters.get("COM_OBL_RC_ACT") as u8 {
             // Position mode is no fallback without a remote control [issue: PX4 PR#26289].
-            0 if !self.faults.rc_is_lost => self.change_mode(POSITION),
-            1 if !self.faults.rc_is_lost => self.change_mode(ALTITUDE),
-            2 if !self.faults.rc_is_lost => self.change_mode(STABILIZED),
-            0..=3 => self.change_mode(RETURN),
-            4 => self.change_mode(LAND),
-            5 => self.change_mode(HOLD),
-            _ => self.armed = false,
-        }
+            0 if !self.faults.rc_is_lost => POSITION,
+            1 if !self.faults.rc_is_lost => ALTITUDE,
+            2 if !self.faults.rc_is_lost => STABILIZED,
+            0..=3 => RETURN,
+            4 => LAND,
+            5 => HOLD,
+            _ => return None,
+        })
     }
 
     /// Whether a change of mode is accepted: OFFBOARD needs its stream, and the remote control unless

@@ -1,5 +1,7 @@
 //! PX4.
 
+use foxhound_link::dialect::MavState;
+
 use super::super::Start;
 use super::super::px4::{ALTITUDE, HOLD, LAND, OFFBOARD, POSITION, RETURN, STABILIZED, TAKEOFF, mode};
 use super::*;
@@ -165,7 +167,7 @@ fn offboard_without_rc_needs_the_right_bit_of_com_rcl_except() {
 }
 
 #[test]
-fn a_stream_that_ends_means_hold_and_then_what_com_obl_rc_act_says() {
+fn a_stream_that_ends_means_what_com_obl_rc_act_says_until_it_comes_again() {
     let acts = [(0.0, POSITION), (1.0, ALTITUDE), (2.0, STABILIZED), (3.0, RETURN), (4.0, LAND), (5.0, HOLD)];
     for (act, mode) in acts {
         let mut flown = Flown::new(in_offboard(), Start::InControl);
@@ -174,14 +176,12 @@ fn a_stream_that_ends_means_hold_and_then_what_com_obl_rc_act_says() {
         flown.idle(0.9);
         assert_eq!(flown.autopilot.custom_mode, OFFBOARD, "COM_OF_LOSS_T is 1.0 s");
         assert!(flown.speed_mps() > 1.0, "the last setpoint is obeyed until then");
-        flown.idle(0.2);
-        assert_eq!(flown.autopilot.custom_mode, HOLD);
-        flown.fly(4.7, |_| bytes(&target(0x05C7, 1)));
-        assert_eq!(flown.autopilot.custom_mode, HOLD, "COM_FAIL_ACT_T is 5 s; setpoints do not bring OFFBOARD back");
-        assert!(flown.speed_mps() < 0.05);
-        flown.idle(0.4);
+        flown.idle(1.2);
         assert_eq!(flown.autopilot.custom_mode, mode, "COM_OBL_RC_ACT {act}");
-        assert!(flown.autopilot.armed);
+        assert!(flown.autopilot.armed && flown.autopilot.px4_status() == MavState::MAV_STATE_CRITICAL);
+        flown.fly(2.0, |_| bytes(&target(0x05C7, 1)));
+        assert_eq!(flown.autopilot.custom_mode, OFFBOARD, "it is flown instead of OFFBOARD, which is still wanted");
+        assert!(flown.speed_mps() > 1.0 && flown.autopilot.px4_status() == MavState::MAV_STATE_ACTIVE);
     }
 }
 
@@ -199,7 +199,8 @@ fn a_pilot_who_chooses_a_mode_ends_the_failsafe() {
     flown.autopilot.set_parameter("COM_OBL_RC_ACT", 4.0);
     flown.idle(1.5);
     assert!(flown.autopilot.select_mode(flown.now_us(), POSITION));
-    flown.idle(8.0);
+    flown.idle(4.0);
+    flown.fly(4.0, |_| bytes(&target(0x05C7, 1)));
     assert_eq!(flown.autopilot.custom_mode, POSITION);
 }
 
@@ -208,8 +209,8 @@ fn com_of_loss_t_is_what_it_is_set_to() {
     let mut flown = Flown::new(in_offboard(), Start::InControl);
     flown.autopilot.set_parameter("COM_OF_LOSS_T", 0.3);
     // At 2 Hz a stream is not one [issue: PX4#16944].
-    flown.fly(1.0, |now_us| if now_us % 500_000 == 0 { bytes(&target(0x05C7, 1)) } else { Vec::new() });
-    assert_eq!(flown.autopilot.custom_mode, HOLD);
+    flown.fly(0.9, |now_us| if now_us % 500_000 == 0 { bytes(&target(0x05C7, 1)) } else { Vec::new() });
+    assert_eq!(flown.autopilot.custom_mode, POSITION);
 }
 
 #[test]
