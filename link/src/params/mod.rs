@@ -276,9 +276,11 @@ impl Params {
         self.asked.add(id);
     }
 
-    /// What the application is to do with its storage; returned once, then waits for [`stored`](Self::stored).
+    /// What the application is to do with its storage, once it has settled what was set before; returned once, then waits for
+    /// [`stored`](Self::stored).
     pub fn take_storage(&mut self) -> Option<Storage> {
-        let errand = self.errand.as_mut().filter(|errand| !errand.is_taken)?;
+        let is_settled = self.sets.is_empty();
+        let errand = self.errand.as_mut().filter(|errand| is_settled && !errand.is_taken)?;
         errand.is_taken = true;
         Some(errand.storage)
     }

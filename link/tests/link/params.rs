@@ -333,6 +333,21 @@ fn while_seeking_nothing_is_set_and_everything_can_be_read() {
     assert_eq!(link.set("FH_LAG", 1.0), (Some(1.0), String::new()));
 }
 
+/// Two sets and the command to store in one step: what is stored is what was set.
+#[test]
+fn nothing_is_stored_before_what_was_set_is_settled() {
+    let mut link = Link::new();
+    link.hear(&set("FH_LAG", 0.3, REAL32, US.1));
+    link.hear(&set("FH_SPD_MAX", 1.1, REAL32, US.1));
+    assert_eq!(link.store(1.0, US.1), [0_u8; 0]);
+    for _ in 0..2 {
+        assert!(link.params.take_storage().is_none() && link.params.proposal(false).is_some());
+        link.params.settle(Ok(()));
+    }
+    assert_eq!(link.params.take_storage(), Some(Storage::Save));
+    assert_eq!((link.params.values().get(param::FH_LAG), link.params.values().get(param::FH_SPD_MAX)), (0.3, 1.1));
+}
+
 #[test]
 fn the_storage_is_the_applications_and_the_station_hears_what_became_of_it() {
     let mut link = Link::new();
