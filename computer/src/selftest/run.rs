@@ -241,13 +241,19 @@ impl Run {
 
     /// Channels whose antennas are on others; only a source in a known direction shows it, with calibrated channels.
     #[inline(never)]
-    fn moved(&self, array: &Array, phasors: &Phasors) -> Channels {
+    fn moved(&self, array: &Array, last: &Phasors) -> Channels {
         let Exam::SelfTest(Tone::Ahead { .. }) = self.exam else { return Channels::NONE };
-        if !array.depends_on_frequency() || array.at(phasors.frequency_hz).is_uncalibrated() {
+        let Some(entry) = self.entry() else { return Channels::NONE };
+        if !array.depends_on_frequency() || array.at(entry.frequency_hz).is_uncalibrated() {
             return Channels::NONE;
         }
+        // The last frame may hold another tone, or none.
+        let (z, frequency_hz) = (self.first, entry.frequency_hz);
+        let heard = Phasors { z, frequency_hz, tone: phase::Tone::Present, clipped: false, ..*last };
         let mut check = order::Check::of_calibrated();
-        check.step(array, self.source(), phasors);
+        if check.step(array, self.source(), &heard) != Taken::Yes {
+            return Channels::which(|_| true);
+        }
         match check.order() {
             Order::AsConfigured => Channels::NONE,
             Order::Swapped(a, b) => Channels::one(a).and(b),

@@ -1,6 +1,7 @@
 use super::*;
 use foxhound_core::base::time::Instant;
-use foxhound_core::doa::array;
+use foxhound_core::doa::array::{self, Entry};
+use foxhound_core::doa::calibration::Source;
 use foxhound_core::signal::phase;
 use std::string::ToString as _;
 
@@ -134,5 +135,42 @@ fn channels_that_are_noisy_together_and_every_second_frame_missing_are_found() {
             test.step(&array, 102_400.0, &snapshot, &phasors);
         }
         assert_eq!(test.take_ended().unwrap().0.verdict, verdict, "{sigmas:?} {lost}");
+    }
+}
+
+/// A source ahead, with exchanged cables; the last frame is of no use.
+#[test]
+fn exchanged_cables_are_found_whatever_the_last_frame_holds() {
+    const BIN: f32 = 41.0;
+    let frequency_hz = BIN * 102_400.0 / N as f32;
+    let config = array::Config::default();
+    let entry = Entry { frequency_hz, gain: [1.0; CHANNELS], ..Entry::default() };
+    let table = array::Table::new(config.wavelength_m, &[entry]).unwrap();
+    let array = array::Config { calibration: Some(table), ..config }.build().unwrap();
+    let extractor = phase::Config::default().build::<N>().unwrap();
+    let azimuth_rad = 0.4;
+    let expected = Source::ahead_at(azimuth_rad).phasors(&array);
+    let exchanged = Verdict::Fail { check: Check::Order, channels: Channels::one(0).and(1) };
+    for (order, verdict) in [([0, 1, 2, 3], Verdict::Pass), ([1, 0, 2, 3], exchanged)] {
+        for last_bin in [BIN, 0.0, 67.0] {
+            let (mut test, mut state) = (SelfTest::default(), phase::State::default());
+            let mut rng = foxhound_core::base::rng::Rng::new(5, 1);
+            test.begin(Exam::SelfTest(Tone::Ahead { azimuth_rad })).unwrap();
+            for frame in 1..=u64::from(FRAMES + SETTLING) {
+                let bin = if frame < u64::from(FRAMES + SETTLING) { BIN } else { last_bin };
+                let mut snapshot = AdcFrame { time: Instant(frame * 20_000), codes: [[0; N]; CHANNELS] };
+                for (row, m) in snapshot.codes.iter_mut().zip(order) {
+                    for (n, code) in row.iter_mut().enumerate() {
+                        let turns = bin * n as f32 / N as f32;
+                        let angle_rad = core::f32::consts::TAU * turns + expected[m].arg();
+                        let tone = if bin > 0.0 { 322.0 * angle_rad.cos() } else { 0.0 };
+                        *code = (tone + rng.gaussian()).round() as i16;
+                    }
+                }
+                let phasors = extractor.step(&mut state, &snapshot);
+                test.step(&array, 102_400.0, &snapshot, &phasors);
+            }
+            assert_eq!(test.take_ended().unwrap().0.verdict, verdict, "{order:?} {last_bin}");
+        }
     }
 }
