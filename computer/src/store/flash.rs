@@ -74,7 +74,7 @@ impl<F: NorFlash> Sure<F> {
             let word = self.word(at)?;
             if let Some(pages) = pages_of(word) {
                 self.erase_pages(&pages)?;
-                self.write_word(at, DONE)?;
+                is_sound &= self.write_word(at, DONE).is_ok();
             } else {
                 is_sound &= word == BLANK || word == DONE;
             }
@@ -101,7 +101,11 @@ impl<F: NorFlash> Sure<F> {
             at = self.note(pages)?;
         }
         self.erase_pages(pages)?;
-        at.map_or(Ok(()), |at| self.write_word(at, DONE))
+        match at.map(|at| self.write_word(at, DONE)) {
+            // An entry that is not struck out would erase at the next start what is written there from now on.
+            Some(Err(_)) => self.erase_pages(&JOURNAL),
+            _ => Ok(()),
+        }
     }
 
     /// Whether nothing was ever written in these pages.

@@ -3,7 +3,7 @@
 use foxhound_computer::store::{Kept, Store};
 
 use crate::flash::{Flash, PAGE_BYTES, Random};
-use crate::model::{Deed, Model};
+use crate::model::{Deed, Model, calibration, parameters};
 
 /// Starts, and looks that everything is as one of the two says.
 fn check(flash: &mut Flash, old: &Model, new: &Model, at: impl std::fmt::Debug) -> Model {
@@ -52,6 +52,48 @@ fn whenever_the_power_goes_each_record_is_old_or_new_and_the_next_one_can_be_kep
         erased = flash.erased[3..].iter().sum();
     }
     assert!(cuts > 8_000 && erased > 50, "{cuts} cuts, {erased} pages came round");
+}
+
+/// An erase that was finished, but not struck out of the journal, would be done once more at the next start.
+#[test]
+fn a_word_that_is_refused_once_takes_nothing_away_from_what_is_kept_afterwards() {
+    let mut random = Random(7);
+    let (mut flash, mut model) = (Flash::new(8), Model::EMPTY);
+    let mut refusals = 0;
+    for round in 0..400 {
+        let deed = Deed::any(&mut random);
+        let after = model.after(&deed);
+        let mut whole = flash.clone();
+        let mut store = Store::new(&mut whole);
+        let opened = Model::found(&mut store);
+        assert!(deed.is_done(&mut store, &model), "round {round}: {deed:?}");
+        for count in 0..40 {
+            let mut other = flash.clone();
+            let mut store = Store::new(&mut other);
+            store.begin();
+            other.until_refused = Some(count);
+            let mut store = Store::new(&mut other);
+            deed.is_done(&mut store, &model);
+            if other.until_refused.take().is_some() {
+                break;
+            }
+            refusals += 1;
+            let mut store = Store::new(&mut other);
+            let last = [
+                Deed::Key(None),
+                Deed::Parameters(parameters(&mut random)),
+                Deed::Calibration(calibration(&mut random)),
+            ];
+            let kept = last.iter().fold(after, |model, deed| {
+                assert!(deed.is_done(&mut store, &model), "round {round}, word {count}: {deed:?}");
+                model.after(deed)
+            });
+            let found = Model::found(&mut Store::new(&mut other));
+            assert_eq!(Model { starts: 0, ..found }, Model { starts: 0, ..kept }, "round {round}, word {count}");
+        }
+        (flash, model) = (whole, opened.after(&deed));
+    }
+    assert!(refusals > 1_000, "{refusals}");
 }
 
 #[test]

@@ -34,6 +34,8 @@ pub(crate) struct Flash {
     /// Words and pages that are written and erased before the power goes.
     pub(crate) until_cut: Option<u64>,
     pub(crate) is_off: bool,
+    /// Words that are written before one is refused, once, with the power on.
+    pub(crate) until_refused: Option<u64>,
     /// It refuses everything, whatever the power does.
     pub(crate) is_broken: bool,
     /// What was written and erased since the beginning.
@@ -59,6 +61,7 @@ impl Flash {
             weak: vec![false; WORDS],
             until_cut: None,
             is_off: false,
+            until_refused: None,
             is_broken: false,
             operations: 0,
             reads: 0,
@@ -161,6 +164,13 @@ impl NorFlash for Flash {
             if self.is_off {
                 return Err(Refused);
             }
+            self.until_refused = match self.until_refused {
+                Some(0) => {
+                    self.until_refused = None;
+                    return Err(Refused);
+                }
+                left => left.map(|left| left - 1),
+            };
             let (at, word) = (offset as usize / 8 + index, u64::from_le_bytes(*bytes));
             if word != 0 && (self.words[at] != BLANK || self.weak[at]) {
                 // Not even these: the driver strikes the word out, so that it reads alike from now on.
