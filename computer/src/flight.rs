@@ -252,7 +252,7 @@ impl<S: Systems> Flight<'_, S> {
             let is_done = match storage {
                 Storage::Save => parameter_store.save(self.companion.parameters()),
                 Storage::Load => parameter_store.load().is_some_and(|values| self.run_with(values).is_ok()),
-                Storage::Reset => self.run_with(Values::DEFAULT).is_ok() && parameter_store.reset(),
+                Storage::Reset => parameter_store.reset() && self.run_with(Values::DEFAULT).is_ok(),
             };
             begins_anew |= is_done && storage != Storage::Save;
             self.companion.stored(is_done);

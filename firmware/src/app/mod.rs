@@ -314,6 +314,7 @@ fn report<F: NorFlash>(flight: &mut Flight<'_>, store: &mut Store<F>, log: &mut 
     if let Some(calibration) = flight.take_calibration() {
         if !store.keep_calibration(&calibration) {
             log.text("error: the calibration cannot be stored");
+            flight.companion.notify_text("Foxhound: the calibration cannot be stored");
         }
         log.begin("calibrated", true, flight);
     }
