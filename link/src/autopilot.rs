@@ -11,7 +11,7 @@ use foxhound_core::base::units::sin_cos;
 
 use crate::dialect::{
     ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavAutopilot, MavModeFlag,
-    MavType,
+    MavState, MavType,
 };
 use crate::framer::Header;
 
@@ -50,6 +50,8 @@ pub struct Autopilot {
     pub in_mode: bool,
     /// Whether the motors are armed.
     pub armed: bool,
+    /// Whether PX4's own failsafe may have chosen the mode.
+    pub in_failsafe: bool,
     /// When the last heartbeat came.
     pub heard: Instant,
 }
@@ -61,6 +63,8 @@ impl Autopilot {
             return None;
         }
         let software = Software::of(heartbeat);
+        let armed = heartbeat.base_mode & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED as u8 != 0;
+        let is_critical = heartbeat.system_status == MavState::MAV_STATE_CRITICAL as u8;
         Some(Self {
             system_id: header.system_id,
             component_id: header.component_id,
@@ -71,7 +75,8 @@ impl Autopilot {
                 Software::Px4 => (heartbeat.custom_mode >> 16) & 0xFF == OFFBOARD,
                 Software::Other => false,
             },
-            armed: heartbeat.base_mode & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED as u8 != 0,
+            armed,
+            in_failsafe: software == Software::Px4 && armed && is_critical,
             heard: now,
         })
     }

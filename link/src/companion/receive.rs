@@ -170,12 +170,12 @@ impl Companion {
         }
         // Of a heartbeat that is no autopilot's nothing follows.
         self.has_crashed &= autopilot.armed || autopilot.software == Software::Other;
-        if !autopilot.obeys() {
+        if autopilot.obeys() {
+            self.entry_needed |= was_lost;
+        } else if !autopilot.in_failsafe {
+            // PX4 comes back to OFFBOARD by itself from a mode that its failsafe has chosen, which is no word of the pilot.
             self.entry_needed &= self.may_reenter(autopilot.software);
-            self.has_ended = false;
-            self.paused = false;
-        } else if was_lost {
-            self.entry_needed = true;
+            (self.has_ended, self.paused) = (false, false);
         }
         let changed = self.autopilot.is_none_or(|known| known.software != autopilot.software || !known.sent(header));
         self.autopilot = Some(autopilot);

@@ -613,6 +613,30 @@ fn after_a_crash_of_our_own_px4_does_not_hand_control_back_by_itself() {
     assert!(flight.setpoints(2.0).is_empty(), "a script's heartbeat says nothing of PX4");
 }
 
+/// The mode that PX4's failsafe has chosen is no word of its pilot, and neither is its end.
+#[test]
+fn a_failsafe_of_px4_lifts_nothing() {
+    let holds: [(fn(&mut Flight), Cause); 2] = [
+        (|flight| flight.bench.say(&command(193, 0.0)), Cause::Paused),
+        (|flight| flight.bench.companion.require_entry(), Cause::EntryNeeded),
+    ];
+    for (hold, cause) in holds {
+        for (state, is_lifted) in [(MavState::MAV_STATE_CRITICAL, false), (MavState::MAV_STATE_ACTIVE, true)] {
+            let mut flight = Flight::of(PX4);
+            hold(&mut flight);
+            flight.assert_zero(cause);
+            let in_mode = flight.bench.heartbeat.clone().unwrap();
+            let left = flight.bench.heartbeat.as_mut().unwrap();
+            (left.custom_mode, left.system_status) = (4 << 16 | 3 << 24, state as u8);
+            flight.run(1.1);
+            flight.assert_zero(Cause::NotInMode);
+            flight.bench.heartbeat = Some(in_mode);
+            flight.run(1.1);
+            if is_lifted { flight.assert_flies() } else { flight.assert_zero(cause) }
+        }
+    }
+}
+
 /// PX4 leaves OFFBOARD for its own failsafe when setpoints end, and zeros would take it back.
 #[test]
 fn without_a_position_px4_gets_no_zeros_outside_of_offboard_either() {

@@ -92,8 +92,8 @@ fn link_lost_after_five_seconds_it_is_silent_and_waits_for_a_fresh_entry() {
             assert_eq!(stand.status(), Some(STANDBY));
             let faults = &mut stand.trial.rig.autopilot.faults;
             (faults.heartbeat_is_silent, faults.is_silent) = (false, false);
-            stand.run(1.1);
-            // ArduCopter is in GUIDED still; PX4 has left OFFBOARD by itself.
+            // ArduCopter is in GUIDED still; PX4 comes back to OFFBOARD by itself, which is no fresh entry.
+            stand.run(2.2);
             stand.expect(3.0, Stream::Zero, "a fresh entry is needed");
             stand.expect_stand(0.0, 0.05, 3.0, "a fresh entry is needed");
             stand.enter_afresh();
@@ -111,10 +111,6 @@ fn ownship_lost_without_telemetry_it_stops_then_is_silent_and_goes_on() {
         stand.expect_stand(0.4 + BRAKES_S, 0.4 + BRAKES_M, 2.6, "no telemetry");
         expect_silence_and_its_end(&mut stand, "no telemetry for 2 s");
         stand.trial.ownship_is_silent = false;
-        stand.run(1.0);
-        if software == Software::Px4 {
-            stand.enter_afresh();
-        }
         stand.expect_beacon("telemetry is back");
     }
 }
@@ -144,10 +140,6 @@ fn estimator_flags_that_say_nothing_is_known_stop_it_though_the_numbers_go_on() 
         stand.expect_stand(1.1 + BRAKES_S, 1.1 + BRAKES_M, 2.9, "bad estimator");
         expect_silence_and_its_end(&mut stand, "bad estimator");
         stand.trial.rig.autopilot.faults.filter_is_bad = false;
-        stand.run(1.2);
-        if software == Software::Px4 {
-            stand.enter_afresh();
-        }
         stand.expect_beacon("good estimator");
     }
 }
@@ -296,6 +288,27 @@ fn paused_a_ground_station_stops_it_and_lets_it_go_on() {
         assert_eq!(stand.status(), Some(STANDBY));
         stand.trial.command(PAUSE_CONTINUE, 1.0);
         stand.expect_beacon("told to go on");
+    }
+}
+
+/// A pause outlasts the link, and PX4's coming back to OFFBOARD by itself.
+#[test]
+fn paused_it_stays_paused_when_the_link_was_lost_meanwhile() {
+    for software in BOTH {
+        let mut stand = Stand::under_way(software);
+        stand.trial.command(PAUSE_CONTINUE, 0.0);
+        stand.run(2.0);
+        stand.trial.rig.autopilot.faults.heartbeat_is_silent = true;
+        stand.run(8.0);
+        assert_eq!(stand.stream_now(), Stream::Silent);
+        stand.trial.rig.autopilot.faults.heartbeat_is_silent = false;
+        stand.run(4.0);
+        stand.expect_stand(0.0, 0.05, 10.0, "paused");
+        assert!(stand.steps[stand.steps.len() - 1].obeyed);
+        stand.trial.command(PAUSE_CONTINUE, 1.0);
+        stand.expect_stand(0.0, 0.05, 3.0, "a fresh entry is needed");
+        stand.enter_afresh();
+        stand.expect_beacon("entered afresh");
     }
 }
 

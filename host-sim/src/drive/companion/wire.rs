@@ -136,6 +136,7 @@ mod tests {
     use foxhound_link::signing::{Key, Verdict};
 
     const AUTOPILOT: Autopilot = Autopilot {
+        in_failsafe: false,
         system_id: 7,
         component_id: 1,
         software: Software::ArduPilot,
