@@ -5,6 +5,9 @@ use crate::base::adc::ANTENNAS_MAX;
 use crate::base::math::sqrt;
 use crate::signal::phase::Complex;
 
+/// An antenna this much below the loudest, in power, hears nothing.
+const DEAD_POWER_RATIO: f32 = 0.01;
+
 /// `R = sum w z z'`, and the sum of the weights `w`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Covariance {
@@ -53,8 +56,8 @@ impl Covariance {
     /// One over the root of each antenna's power; zero of one that hears nothing.
     pub(super) fn coherence_scale(&self) -> [f32; ANTENNAS_MAX] {
         let mut scale = [0.0; ANTENNAS_MAX];
-        for (scale, power) in scale.iter_mut().zip(self.diagonal()) {
-            *scale = if power > 0.0 { 1.0 / sqrt(power) } else { 0.0 };
+        for (antenna, (scale, power)) in scale.iter_mut().zip(self.diagonal()).enumerate() {
+            *scale = if self.lives(antenna) { 1.0 / sqrt(power) } else { 0.0 };
         }
         scale
     }
@@ -94,9 +97,13 @@ impl Covariance {
         self.rows.iter().enumerate().map(|(k, row)| row.get(k).map_or(0.0, |r| r.re))
     }
 
-    /// Whether an antenna hears anything.
+    /// Whether an antenna hears anything: one that is 20 dB below the loudest is not connected.
     #[must_use]
     pub fn lives(&self, antenna: usize) -> bool {
-        self.rows.get(antenna).and_then(|row| row.get(antenna)).is_some_and(|power| power.re > 0.0)
+        let loudest = self.diagonal().fold(0.0, f32::max);
+        self.rows
+            .get(antenna)
+            .and_then(|row| row.get(antenna))
+            .is_some_and(|power| power.re > DEAD_POWER_RATIO * loudest)
     }
 }

@@ -30,6 +30,9 @@ const UNLIKE: f32 = 0.001;
 const SPLIT_SIGMAS: f32 = 3.09;
 /// Half of the turn over which the derivative of a plane wave is taken.
 const TURN_RAD: f32 = 0.01;
+/// The plane wave holds at least this share of the strongest component. Less are exchanged channels, or such as are not sampled together, or
+/// reflections nearly as strong.
+const FIT_LEAST: f32 = 0.7;
 /// What a second wave does to a bearing, rms.
 const SECOND_SIGMA_RAD: f32 = 5.0 / 57.295_78;
 
@@ -79,6 +82,8 @@ impl Source {
             return bearing.into();
         }
         let first = Dominant::of(|z| covariance.times(z), &start);
+        // Share of the strongest component that the plane wave holds.
+        let fit = power * samples / first.value;
 
         let mut flags = Flags::default();
         for antenna in (0..beam.antennas()).filter(|antenna| !covariance.lives(*antenna)) {
@@ -89,16 +94,22 @@ impl Source {
         let mut sigma_rad = sqrt(variance + self.floor_rad * self.floor_rad);
         if let Some(second) = second(beam, covariance, &peak, &first, noise * samples) {
             flags = flags.with(second);
-            sigma_rad = sqrt(sigma_rad * sigma_rad + SECOND_SIGMA_RAD * SECOND_SIGMA_RAD);
+            // What the strongest component holds beside the plane wave bends its phases by so much.
+            let misfit = (1.0 - fit).max(0.0) / peak.sensitivity.max(1e-12);
+            sigma_rad = sqrt(sigma_rad * sigma_rad + SECOND_SIGMA_RAD * SECOND_SIGMA_RAD + misfit);
         }
         let rivals = rivals(&peak, samples);
         let mirror_rad = peak.mirror_rad;
         // An array that has become a line by its dead antennas was not meant as one.
         let is_lame = mirror_rad.is_some() && peak.antennas < beam.antennas();
-        bearing.valid = rivals == 0 && !is_lame && sigma_rad < SIGMA_USELESS_RAD;
-        if !bearing.valid || mirror_rad.is_some() {
+        let is_clear = rivals == 0 && !is_lame && sigma_rad < SIGMA_USELESS_RAD;
+        if !is_clear || mirror_rad.is_some() {
             flags = flags.with(Flags::AMBIGUOUS);
         }
+        if fit < FIT_LEAST {
+            flags = flags.with(Flags::MULTIPATH);
+        }
+        bearing.valid = is_clear && fit >= FIT_LEAST;
         bearing.flags = flags;
         bearing.azimuth_rad = peak.azimuth_rad;
         bearing.sigma_rad = if sigma_rad < PI { sigma_rad } else { PI };
