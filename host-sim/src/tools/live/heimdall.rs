@@ -85,7 +85,7 @@ impl Header {
 
 pub(super) fn start(host: &str, port: u16, array: RadioArray) -> Result<Receiver<Event>, InputError> {
     // An array that cannot be used is refused before the flight.
-    Estimator::new(&array, FRAME, false)?;
+    Estimator::new(&array, FRAME, false, false)?;
     let (sender, receiver) = channel();
     let host = host.to_owned();
     std::thread::spawn(move || {
@@ -124,8 +124,10 @@ fn listen(host: &str, port: u16, array: &RadioArray, sender: &Sender<Event>) -> 
             None => {
                 let samples = header.length.min(FRAME);
                 if estimator.as_ref().is_none_or(|(length, _)| *length != samples) {
-                    estimator =
-                        Some((samples, Estimator::new(array, samples, false).map_err(|error| error.to_string())?));
+                    estimator = Some((
+                        samples,
+                        Estimator::new(array, samples, false, false).map_err(|error| error.to_string())?,
+                    ));
                 }
                 let Some((_, estimator)) = &mut estimator else { return Ok(()) };
                 estimate(estimator, &payload, &header, at)

@@ -165,6 +165,7 @@ fn a_kraken_is_heard_over_http_and_its_end_has_a_name() {
             write!(stream, "HTTP/1.0 {status}\r\nContent-Type: text/html\r\n\r\n{body}").unwrap();
             count.fetch_add(1, Ordering::Relaxed);
         }
+        server
     });
     let mut live = Live::open(&Source::Kraken("127.0.0.1".to_owned(), port), options()).unwrap();
     let mut measured = Vec::new();
@@ -173,7 +174,7 @@ fn a_kraken_is_heard_over_http_and_its_end_has_a_name() {
         matches!(state, State::Lost(why) if why.contains("status 404"))
     });
     assert_eq!(measured, [21, 22, 23, 24]);
-    thread.join().unwrap();
+    drop(thread.join().unwrap());
     until(&mut live, |state, _| matches!(state, State::Lost(why) if !why.contains("404")));
 }
 
