@@ -5,6 +5,7 @@
 //!
 //! - **At 0 Hz** a direct-conversion receiver has an offset of its own, which looks like a source. Where the mean is much the same in
 //!   all frames, or in eight parts of fewer, it is taken out, and with it what a transmitter sends at less than about half a turn in all of it.
+//!   Where the means follow each other slowly, the offset wanders, and the bins beside 0 Hz are left out. A transmitter there turns from part to part.
 //! - **Samples and bins count for less where noise is not white**, and a bearing to what stands beside the band is not valid, see `band`.
 
 use std::path::Path;
@@ -26,6 +27,11 @@ use band::{Band, Sums};
 /// An offset is looked for in so many parts, of which half are enough, and known where so much of their means is alike.
 const OFFSET_PARTS: usize = 8;
 const OFFSET_SHARE: f64 = 0.5;
+/// The offset wanders where this much of its power goes on from part to part, and does not turn by more than this share of it.
+const WANDERS: f64 = 0.5;
+const WANDERS_TURN: f64 = 0.2;
+/// A converter has at least so many codes on either side of zero.
+const RAIL_STEPS: f32 = 32.0;
 /// Samples of a channel in a frame.
 const SAMPLES: std::ops::RangeInclusive<usize> = 8..=1 << 20;
 
@@ -44,6 +50,8 @@ pub struct Frames {
     kind: String,
     /// Of each channel.
     means: Vec<Complex32>,
+    /// Whether the receiver's own offset changes slowly.
+    wanders: bool,
 }
 
 impl Frames {
@@ -91,24 +99,28 @@ impl Frames {
         for frame in values.chunks_exact(channels * samples) {
             offset.add(frame.chunks_exact(samples));
         }
+        let extremes = rails(&values).or(extremes);
         let is_extreme = |value: &&Complex32| {
             extremes
                 .is_some_and(|[least, most]| [value.re, value.im].iter().any(|part| *part <= least || *part >= most))
         };
         let clipped = values.chunks_exact(channels * samples).map(|frame| frame.iter().filter(is_extreme).count());
-        let (clipped, means) = (clipped.collect(), offset.means());
-        Ok(Self { channels, samples, values, is_real, repeated, clipped, kind, means })
+        let clipped = clipped.collect();
+        let (means, wanders) = (offset.means(), offset.wanders());
+        Ok(Self { channels, samples, values, is_real, repeated, clipped, kind, means, wanders })
     }
 
     /// What was read.
     #[must_use]
     pub fn taken(&self) -> String {
         let share = self.share_at_zero();
-        let note = if share > 0.01 {
-            format!("; {:.0} % of the power are at 0 Hz, taken for the receiver's own offset", 100.0 * share)
-        } else {
-            String::new()
-        };
+        let mut note = String::new();
+        if share > 0.01 {
+            note = format!("; {:.0} % of the power are at 0 Hz, taken for the receiver's own offset", 100.0 * share);
+        }
+        if self.wanders {
+            note += "; the receiver's own offset wanders, what is beside 0 Hz is left out";
+        }
         format!(
             "{} frames of {} channels of {} samples, {}{note}",
             self.count(),
@@ -150,6 +162,19 @@ impl Frames {
     pub fn count(&self) -> usize {
         self.values.len() / (self.channels * self.samples)
     }
+}
+
+/// Where a converter of fewer bits than the format, or one whose codes were scaled, ends: the least value is a power of two, and the largest the same or a
+/// lesser power of two below it. A recording that does not reach them has such values by chance, and seldom.
+fn rails(values: &[Complex32]) -> Option<[f32; 2]> {
+    let parts = values.iter().flat_map(|value| [value.re, value.im]).filter(|part| part.is_finite());
+    let [least, most] =
+        parts.fold([f32::INFINITY, f32::NEG_INFINITY], |[least, most], part| [least.min(part), most.max(part)]);
+    let is_power = |value: f32| value > f32::MIN_POSITIVE && value.to_bits() << 9 == 0;
+    let full = if is_power(most) { most } else { f32::from_bits((most.max(0.0).to_bits() >> 23) + 1 << 23) };
+    let step = full - most;
+    let ends = most > 0.0 && (step == 0.0 || is_power(step) && step <= full / RAIL_STEPS);
+    (ends && (least == -full || least == -most)).then_some([least, most])
 }
 
 fn read_frames(bytes: &[u8]) -> Result<Samples, InputError> {
@@ -220,7 +245,7 @@ pub(super) fn find_watched(
             "switch: the channels of --iq must be sampled at the same instants; use --switched",
         ));
     }
-    let mut estimator = Estimator::new(array, frames.samples, frames.is_real)?;
+    let mut estimator = Estimator::new(array, frames.samples, frames.is_real, frames.wanders)?;
     estimator.check_enough(looks)?;
     let mut lines = Vec::with_capacity(frames.count() / looks);
     for (frame, values) in frames.values.chunks_exact(frames.channels * frames.samples).enumerate() {
@@ -252,12 +277,12 @@ pub(super) struct Estimator {
 }
 
 impl Estimator {
-    /// The estimator for frames with this number of samples of each channel.
-    pub(super) fn new(array: &RadioArray, samples: usize, is_real: bool) -> Result<Self, InputError> {
+    /// The estimator for frames with this number of samples of each channel; without what is beside 0 Hz where the receiver's own offset wanders.
+    pub(super) fn new(array: &RadioArray, samples: usize, is_real: bool, wanders: bool) -> Result<Self, InputError> {
         Ok(Self {
             beam: array.beam.build()?,
             source: Source { floor_rad: array.sigma_floor_rad.unwrap_or(0.0) }.build()?,
-            band: Band::of(samples, is_real, array)?,
+            band: Band::of(samples, is_real, wanders, array)?,
             samples,
             sums: Sums::default(),
         })
@@ -299,9 +324,9 @@ impl Estimator {
 
 /// A receiver's own offset of each channel: the mean, where it is much the same in all parts of a recording.
 pub(super) struct Offset {
-    sums: Vec<Complex64>,
-    squares: f64,
-    means: usize,
+    channels: usize,
+    /// Means of all channels in each part, part after part.
+    means: Vec<Complex64>,
     /// Of a frame.
     parts: usize,
 }
@@ -309,8 +334,7 @@ pub(super) struct Offset {
 impl Offset {
     /// For so many frames. Few are cut into parts.
     pub(super) fn new(channels: usize, frames: usize) -> Self {
-        let parts = OFFSET_PARTS.div_ceil(frames.max(1));
-        Self { sums: vec![Complex64::default(); channels], squares: 0.0, means: 0, parts }
+        Self { channels, means: Vec::new(), parts: OFFSET_PARTS.div_ceil(frames.max(1)) }
     }
 
     /// Takes a frame, channel after channel. A part that is not finite does not count.
@@ -322,25 +346,49 @@ impl Offset {
         }
         let wide = |value: &Complex32| Complex64::new(f64::from(value.re), f64::from(value.im));
         for part in 0..self.parts {
-            let of_part = |channel: &&[Complex32]| channel.iter().skip(part * length).take(length).map(wide).sum();
+            let of_part = |channel: &&[Complex32]| {
+                channel.iter().skip(part * length).take(length).map(wide).sum::<Complex64>() / length as f64
+            };
             let means: Vec<Complex64> = channels.iter().map(of_part).collect();
             if means.iter().all(|mean| mean.is_finite()) {
-                for (sum, mean) in self.sums.iter_mut().zip(means) {
-                    *sum += mean / length as f64;
-                    self.squares += mean.norm_sqr() / (length * length) as f64;
-                }
-                self.means += 1;
+                self.means.extend(means);
             }
         }
     }
 
+    fn count(&self) -> usize {
+        self.means.len() / self.channels
+    }
+
+    /// The mean of each channel.
+    fn middle(&self) -> Vec<Complex64> {
+        let of_channel = |channel| self.means.iter().skip(channel).step_by(self.channels).sum::<Complex64>();
+        (0..self.channels).map(|channel| of_channel(channel) / self.count() as f64).collect()
+    }
+
     /// The offset of each channel; zeros where there is none.
     pub(super) fn means(&self) -> Vec<Complex32> {
-        let count = self.means as f64;
-        let alike = self.sums.iter().map(Complex64::norm_sqr).sum::<f64>() / count;
-        let is_offset = 2 * self.means >= OFFSET_PARTS && alike > OFFSET_SHARE * self.squares;
-        let mean = |sum: &Complex64| Complex32::new((sum.re / count) as f32, (sum.im / count) as f32);
-        self.sums.iter().map(|sum| if is_offset { mean(sum) } else { Complex32::default() }).collect()
+        let middle = self.middle();
+        let alike = middle.iter().map(Complex64::norm_sqr).sum::<f64>() * self.count() as f64;
+        let squares = self.means.iter().map(Complex64::norm_sqr).sum::<f64>();
+        let is_offset = 2 * self.count() >= OFFSET_PARTS && alike > OFFSET_SHARE * squares;
+        let narrow = |mean: &Complex64| Complex32::new(mean.re as f32, mean.im as f32);
+        middle.iter().map(|mean| if is_offset { narrow(mean) } else { Complex32::default() }).collect()
+    }
+
+    /// Whether it changes slowly: beside their mean, the parts' means resemble those of the part before, and do not turn as those of a
+    /// transmitter do.
+    fn wanders(&self) -> bool {
+        let middle = self.middle();
+        let parts: Vec<Vec<Complex64>> = self
+            .means
+            .chunks_exact(self.channels)
+            .map(|means| means.iter().zip(&middle).map(|(mean, middle)| mean - middle).collect())
+            .collect();
+        let power: f64 = parts.iter().flatten().map(Complex64::norm_sqr).sum();
+        let products = parts.windows(2).flat_map(|pair| pair[0].iter().zip(&pair[1]));
+        let alike: Complex64 = products.map(|(before, after)| after * before.conj()).sum();
+        parts.len() >= OFFSET_PARTS && alike.re > WANDERS * power && alike.im.abs() < WANDERS_TURN * alike.re
     }
 }
 

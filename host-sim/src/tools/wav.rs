@@ -1,7 +1,7 @@
 //! WAV recordings of many channels: real samples of each antenna, or I and Q of each in turn.
 
-use std::borrow::Cow;
-use std::io::Cursor;
+use std::io::Read as _;
+use std::ops::Range;
 use std::path::Path;
 
 use hound::{SampleFormat, WavReader};
@@ -24,8 +24,16 @@ pub(super) fn read(path: &Path, antennas: usize, sample_rate_hz: f64) -> Result<
 
 fn parse(bytes: &[u8], antennas: usize, sample_rate_hz: f64) -> Result<Samples, InputError> {
     let unreadable = |error: hound::Error| InputError::new(format!("not a WAV file that can be read: {error}"));
-    let (bytes, valid) = of_full_width(bytes);
-    let mut reader = WavReader::new(Cursor::new(&bytes[..])).map_err(unreadable)?;
+    let mut chunks = Chunks::find(bytes)?;
+    let valid = chunks.widen();
+    let data = &bytes[chunks.data.clone()];
+    // The last sample of a recording that was cut off may be in part there.
+    let data = &data[..data.len() - data.len() % chunks.sample_bytes()];
+    let Ok(data_bytes) = u32::try_from(data.len()) else {
+        return Err(InputError::new(format!("data: {} bytes, of which 4 GiB can be read", data.len())));
+    };
+    let head = chunks.head(data_bytes);
+    let mut reader = WavReader::new(head.as_slice().chain(data)).map_err(unreadable)?;
     let spec = reader.spec();
     let channels = usize::from(spec.channels);
     if channels != antennas && channels != 2 * antennas {
@@ -82,35 +90,96 @@ fn parse(bytes: &[u8], antennas: usize, sample_rate_hz: f64) -> Result<Samples, 
     })
 }
 
-/// The file with as many valid bits as a sample has room for, and how many it said if these were fewer: the valid ones are the upper, and
-/// hound takes the lower.
-fn of_full_width(bytes: &[u8]) -> (Cow<'_, [u8]>, Option<u16>) {
-    let half = |at: usize| Some(u16::from_le_bytes(bytes.get(at..at + 2)?.try_into().ok()?));
-    let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?));
-    let mut chunk = 12;
-    while let (Some(name), Some(length)) = (bytes.get(chunk..chunk + 4), word(chunk + 4)) {
-        let length = usize::try_from(length).unwrap_or(usize::MAX);
-        if name != b"fmt " {
-            chunk = chunk.saturating_add(8).saturating_add(length).saturating_add(length % 2);
-            continue;
+/// What of a file counts.
+struct Chunks {
+    format: Vec<u8>,
+    data: Range<usize>,
+}
+
+impl Chunks {
+    /// Finds them in a file of lengths of 32 bits, or of 64 (RF64, BW64). Samples of no known length, as a recorder leaves that is cut off or
+    /// writes into a pipe, go on to the end of the file.
+    fn find(bytes: &[u8]) -> Result<Self, InputError> {
+        let wrong = |text: String| Err(InputError::new(text));
+        let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?) as usize);
+        let long = |at: usize| usize::try_from(u64::from_le_bytes(bytes.get(at..at + 8)?.try_into().ok()?)).ok();
+        if !matches!(bytes.get(..4), Some(b"RIFF" | b"RF64" | b"BW64")) || bytes.get(8..12) != Some(b"WAVE") {
+            return wrong("not a WAV file: it does not begin with RIFF, RF64 or BW64, and WAVE".to_owned());
         }
-        let (tag, room, valid_at) = (half(chunk + 8), half(chunk + 22), chunk + 26);
-        return match (room, half(valid_at)) {
-            (Some(room), Some(valid)) if tag == Some(EXTENSIBLE) && length >= 40 && (1..room).contains(&valid) => {
-                let mut full = bytes.to_vec();
-                full[valid_at..valid_at + 2].copy_from_slice(&room.to_le_bytes());
-                (full.into(), Some(valid))
+        let is_name =
+            |at: usize| bytes.get(at..at + 4).is_some_and(|name| name.iter().all(|byte| (b' '..=b'~').contains(byte)));
+        let (mut at, mut format, mut data_bytes) = (12, None, None);
+        while let (Some(name), Some(length)) = (bytes.get(at..at + 4), word(at + 4)) {
+            let begins = at + 8;
+            let left = bytes.len() - begins;
+            if name == b"data" {
+                let Some(format) = format else { return wrong("no fmt chunk before the samples".to_owned()) };
+                let told = if length == u32::MAX as usize { data_bytes.unwrap_or(0) } else { length };
+                let length = if told == 0 || told > left { left } else { told };
+                let ends = begins + length;
+                let rest = bytes.len() - ends;
+                if rest > 1 && !is_name(ends) && !is_name(ends + 1) {
+                    return wrong(format!("data: {told} bytes by its header, and {rest} follow that are no chunk"));
+                }
+                return Ok(Self { format, data: begins..ends });
             }
-            _ => (bytes.into(), None),
-        };
+            if length > left {
+                break;
+            }
+            match name {
+                b"fmt " => format = Some(bytes[begins..begins + length].to_vec()),
+                b"ds64" => data_bytes = long(begins + 8),
+                _ => {}
+            }
+            // Some writers do not fill up a chunk of odd length.
+            at = begins
+                + length
+                + usize::from(length % 2 == 1 && (is_name(begins + length + 1) || !is_name(begins + length)));
+        }
+        wrong("not a WAV file that can be read: no data chunk".to_owned())
     }
-    (bytes.into(), None)
+
+    /// The head of a plain file with these samples, for hound.
+    fn head(&self, data_bytes: u32) -> Vec<u8> {
+        let word = |length: usize| (length as u32).to_le_bytes();
+        let mut head = b"RIFF".to_vec();
+        head.extend((self.format.len() as u32 + 20).saturating_add(data_bytes).to_le_bytes());
+        head.extend(b"WAVEfmt ");
+        head.extend(word(self.format.len()));
+        head.extend(&self.format);
+        head.extend(b"data");
+        head.extend(data_bytes.to_le_bytes());
+        head
+    }
+
+    /// Bytes of a sample of all channels.
+    fn sample_bytes(&self) -> usize {
+        usize::from(self.field(12).unwrap_or(0)).max(1)
+    }
+
+    fn field(&self, at: usize) -> Option<u16> {
+        Some(u16::from_le_bytes(self.format.get(at..at + 2)?.try_into().ok()?))
+    }
+
+    /// Lets all bits be valid that a sample has room for, and returns how many the file said if these were fewer: the valid ones are the upper,
+    /// and hound takes the lower.
+    fn widen(&mut self) -> Option<u16> {
+        const VALID: usize = 18;
+        let (room, valid) = (self.field(14)?, self.field(VALID)?);
+        let is_narrow = self.field(0) == Some(EXTENSIBLE) && self.format.len() >= 40 && (1..room).contains(&valid);
+        if !is_narrow {
+            return None;
+        }
+        self.format[VALID..VALID + 2].copy_from_slice(&room.to_le_bytes());
+        Some(valid)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use hound::{WavSpec, WavWriter};
+    use std::io::Cursor;
 
     #[test]
     fn no_sample_is_left_out() {
@@ -142,5 +211,58 @@ mod tests {
         assert_eq!(read.values.iter().map(|value| value.re).collect::<Vec<_>>(), wanted);
         assert_eq!(read.kind, "WAV int24 in 32 bits, real samples");
         assert_eq!(read.extremes, Some([-1.0, 8_388_607.0 / 8_388_608.0]), "where it is clipped");
+    }
+
+    /// Two channels of 16 bits at 1 kHz; the samples are 0, 1, 2 and so on.
+    fn file(riff: &[u8; 4], before: &[u8], length: u32, samples: i16, behind: &[u8]) -> Vec<u8> {
+        let mut file = riff.to_vec();
+        file.extend(b"\xFF\xFF\xFF\xFFWAVE");
+        file.extend(before);
+        file.extend(b"fmt \x10\0\0\0\x01\0\x02\0");
+        file.extend(1000_u32.to_le_bytes());
+        file.extend(4000_u32.to_le_bytes());
+        file.extend(b"\x04\0\x10\0data");
+        file.extend(length.to_le_bytes());
+        (0..samples).for_each(|value| file.extend(value.to_le_bytes()));
+        file.extend(behind);
+        file
+    }
+
+    #[test]
+    fn a_recorder_that_was_cut_off_or_wrote_long_files_or_other_chunks_is_read_to_the_end() {
+        let ds64 = |length: u64| {
+            let mut chunk = b"ds64\x1c\0\0\0".to_vec();
+            [0, length, 0].iter().for_each(|field: &u64| chunk.extend(field.to_le_bytes()));
+            chunk.extend([0; 4]);
+            chunk
+        };
+        let list = b"LIST\x03\0\0\0abc";
+        let padded = [&list[..], &[0]].concat();
+        let files = [
+            ("plain", file(b"RIFF", b"", 400, 200, b"")),
+            ("length of zero", file(b"RIFF", b"", 0, 200, b"")),
+            ("no length", file(b"RIFF", b"", u32::MAX, 200, b"")),
+            ("too long", file(b"RIFF", b"", 4000, 200, b"")),
+            ("half a sample more", file(b"RIFF", b"", 0, 200, b"\x07\0\x07")),
+            ("64 bits", file(b"RF64", &ds64(400), u32::MAX, 200, b"")),
+            ("64 bits, a chunk behind", file(b"BW64", &ds64(400), u32::MAX, 200, list)),
+            ("odd chunk, filled up", file(b"RIFF", &padded, 400, 200, &padded)),
+            ("odd chunk, not filled up", file(b"RIFF", list, 400, 200, list)),
+        ];
+        for (name, file) in files {
+            let read = parse(&file, 2, 1000.0).unwrap();
+            let values: Vec<f32> = read.values.iter().map(|value| value.re * 32_768.0).collect();
+            let wanted = [0, 1].iter().flat_map(|channel| (0..100).map(move |k| (2 * k + channel) as f32));
+            assert_eq!(values, wanted.collect::<Vec<_>>(), "{name}");
+        }
+        let refused = [
+            (file(b"RIFF", b"", 100, 200, b""), "data: 100 bytes by its header, and 300 follow that are no chunk"),
+            (file(b"RIFX", b"", 400, 200, b""), "not a WAV file: it does not begin with RIFF, RF64 or BW64, and WAVE"),
+            (file(b"RIFF", b"", 400, 200, b"")[..30].to_vec(), "not a WAV file that can be read: no data chunk"),
+            (file(b"RIFF", b"data\x04\0\0\0abcd", 400, 200, b""), "no fmt chunk before the samples"),
+        ];
+        for (file, text) in refused {
+            assert_eq!(parse(&file, 2, 1000.0).err().unwrap().to_string(), text);
+        }
     }
 }

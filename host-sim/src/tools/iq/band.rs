@@ -28,6 +28,8 @@ const LEAK_WINDOW: f32 = 0.03;
 const LEAK_MOST: f32 = 0.1;
 /// Bins left out at either end of the spectrum of real samples, where a frequency stands beside its mirror image.
 const REAL_ENDS: f64 = 3.0;
+/// Bins left out on either side of 0 Hz where the receiver's own offset wanders.
+const WANDERS_BINS: f64 = 5.0;
 /// Half-width, in bins, for a tone without a band.
 const TONE_BINS: f64 = 4.0;
 /// Steps of the power iteration for an eigenvector.
@@ -142,7 +144,7 @@ pub(super) struct Band {
 }
 
 impl Band {
-    pub(super) fn of(samples: usize, is_real: bool, array: &RadioArray) -> Result<Self, InputError> {
+    pub(super) fn of(samples: usize, is_real: bool, wanders: bool, array: &RadioArray) -> Result<Self, InputError> {
         let rate_hz = array.sample_rate_hz;
         let bin_hz = rate_hz / samples as f64;
         let around_tone = |tone_hz: f64| [tone_hz - TONE_BINS * bin_hz, tone_hz + TONE_BINS * bin_hz];
@@ -169,6 +171,16 @@ impl Band {
             let [low_hz, high_hz] = band_hz.unwrap_or_default();
             let text =
                 format!("tone_band_hz = [{low_hz}, {high_hz}] holds no bin of {samples} samples at {rate_hz} Hz");
+            return Err(InputError::new(text));
+        }
+        let from_zero_hz = |(_, hz): &(usize, f64)| (hz - rate_hz * (hz / rate_hz).round()).abs();
+        let is_clear = |bin: &(usize, f64)| !wanders || from_zero_hz(bin) > WANDERS_BINS * bin_hz;
+        let all = || (0..samples).map(|bin| (bin, bin as f64 * bin_hz)).collect::<Vec<_>>();
+        let bins = if wanders { bins.or_else(|| Some(all())) } else { bins };
+        let bins = bins.map(|bins| bins.into_iter().filter(is_clear).collect::<Vec<_>>());
+        if bins.as_ref().is_some_and(Vec::is_empty) {
+            let text =
+                "the receiver's own offset at 0 Hz wanders, and what is beside it is all that tone_band_hz holds";
             return Err(InputError::new(text));
         }
         let bins = bins.filter(|bins| bins.len() < samples);

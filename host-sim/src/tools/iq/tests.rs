@@ -210,6 +210,70 @@ fn an_offset_is_no_source_in_a_short_recording_or_beside_a_sample_that_is_no_num
     }
 }
 
+/// How a receiver's own offset may change from sample to sample, from 0 to 1 and further.
+const WANDERS: [(&str, fn(f64) -> f64); 4] = [
+    ("rises", |time| time - 0.3),
+    ("steps", |time| if time < 0.42 { 1.0 } else { -0.7 }),
+    ("settles", |time| (-4.0 * time).exp()),
+    ("swings", |time| (3.0 * TAU * time).sin()),
+];
+
+/// Adds an offset that changes, of another phase in each channel.
+fn add_wandering(values: &mut [Complex32], channels: usize, amplitude: f64, wanders: fn(f64) -> f64) {
+    let count = (values.len() / channels) as f64;
+    for (at, channel) in values.chunks_exact_mut(N).enumerate() {
+        let phase = 1.9 * (at % channels) as f64;
+        for (k, value) in channel.iter_mut().enumerate() {
+            let time = (at / channels * N + k) as f64 / count;
+            let offset = Complex64::from_polar(amplitude * wanders(time), phase);
+            *value += Complex32::new(offset.re as f32, offset.im as f32);
+        }
+    }
+}
+
+#[test]
+fn an_offset_that_wanders_is_no_source_and_hides_none_elsewhere() {
+    const COUNT: usize = 20;
+    let antennas_m = ring(4, 0.28);
+    let mut rng = Rng::new(41, 0);
+    for (name, wanders) in WANDERS {
+        for amplitude in [0.1, 0.3, 1.0] {
+            let mut values = white(4, COUNT, &mut rng);
+            add_wandering(&mut values, 4, amplitude, wanders);
+            let lines = find(&frames(4, N, false, values.clone()), &array(&antennas_m, ""), 1).unwrap();
+            assert!(valid(&lines) <= 1, "{name}, {amplitude}: {} of {COUNT}", valid(&lines));
+            add_tone(&mut values, &antennas_m, 0.5, 1.0, 0.2371);
+            let read = frames(4, N, false, values);
+            let lines = find(&read, &array(&antennas_m, ""), 1).unwrap();
+            let near = |line: &&ArrayLine| (line.line.azimuth_deg.unwrap() - 0.5_f64.to_degrees()).abs() < 2.0;
+            let found = lines.iter().filter(|line| line.line.valid).filter(near).count();
+            assert!(found >= COUNT - 1, "{name}, {amplitude}: {found} of {COUNT}");
+        }
+    }
+}
+
+/// It turns from frame to frame, however slowly a sample.
+#[test]
+fn a_transmitter_beside_0_hz_is_no_offset_that_wanders() {
+    let antennas_m = ring(4, 0.28);
+    let mut rng = Rng::new(42, 0);
+    for bins in [0.05, 0.1, 0.3, 0.5, 1.0, 2.4] {
+        for is_pulsed in [false, true] {
+            let mut values = white(4, 40, &mut rng);
+            let mut tone = vec![Complex32::default(); values.len()];
+            add_tone(&mut tone, &antennas_m, 0.5, 1.0, bins / N as f64);
+            let is_on = |frame: usize| !is_pulsed || frame % 10 < 3;
+            for (at, (value, tone)) in values.iter_mut().zip(tone).enumerate() {
+                *value += if is_on(at / (4 * N)) { tone } else { Complex32::default() };
+            }
+            let lines = find(&frames(4, N, false, values), &array(&antennas_m, ""), 1).unwrap();
+            let found = lines.iter().filter(|line| line.line.valid && is_on(line.line.frame)).count();
+            let sent = (0..40).filter(|frame| is_on(*frame)).count();
+            assert!(found + 1 >= sent, "{bins} bins, pulsed {is_pulsed}: {found} of {sent}");
+        }
+    }
+}
+
 #[test]
 fn most_of_a_recording_left_out_is_warned_of() {
     let mut rng = Rng::new(38, 0);
@@ -257,5 +321,74 @@ fn samples_at_the_ends_of_the_range_are_flagged_and_make_no_bearing_of_three() {
             assert_eq!(line.line.flags.contains(&"clip"), is_clipped, "{line:?}");
             assert!(line.line.valid != (is_clipped && antennas == 3) || antennas > 3, "{line:?}");
         }
+    }
+}
+
+#[test]
+fn a_converter_of_fewer_bits_than_its_format_is_seen_to_be_clipped() {
+    let mut rng = Rng::new(43, 0);
+    // The codes' range, and what a code is worth in the file.
+    let formats = [
+        ("12 bits in 16", -2048.0, 2047.0, 1.0 / 32_768.0),
+        ("12 bits in 16, the upper ones", -2048.0, 2047.0, 1.0 / 2048.0),
+        ("codes as they are", -2048.0, 2047.0, 1.0),
+        ("alike on both sides", -127.0, 127.0, 1.0 / 128.0),
+        ("from -1 to 1", -127.5, 127.5, 1.0 / 127.5),
+    ];
+    for (name, least, most, scale) in formats {
+        for (amplitude, is_clipped) in [(0.7, false), (3.0, true)] {
+            let antennas_m = ring(4, 0.28);
+            let mut values = white(4, 4, &mut rng);
+            values.iter_mut().for_each(|value| *value *= 0.01);
+            add_tone(&mut values, &antennas_m, 0.5, amplitude, 0.2371);
+            let half: f32 = if most == 127.5 { 0.5 } else { 0.0 };
+            let code = |part: f32| scale * ((most * part - half).round() + half).clamp(least, most);
+            let values = values.iter().map(|value| Complex32::new(code(value.re), code(value.im))).collect();
+            for line in find(&frames(4, N, false, values), &array(&antennas_m, ""), 2).unwrap() {
+                assert_eq!(line.line.flags.contains(&"clip"), is_clipped, "{name}: {line:?}");
+            }
+        }
+    }
+}
+
+/// One frame of a tone from a direction at 26 dB.
+fn tone_from(antennas_m: &[[f64; 2]], azimuth_deg: f64, rng: &mut Rng) -> Vec<Complex32> {
+    let mut values = white(antennas_m.len(), 1, rng);
+    add_tone(&mut values, antennas_m, azimuth_deg.to_radians(), 20.0, 0.2371);
+    values
+}
+
+/// Of few antennas, exchanged ones may hear what a wave from elsewhere would make them hear; always so the opposite ones of a square.
+#[test]
+fn most_bearings_of_exchanged_channels_are_not_valid_and_the_others_have_a_large_sigma() {
+    let mut rng = Rng::new(44, 0);
+    for (antennas, radius_m, exchanged) in [(4, 0.28, [0, 1]), (8, 0.48, [0, 1]), (8, 0.48, [0, 3])] {
+        let antennas_m = ring(antennas, radius_m);
+        let (mut count, mut wrong) = (0, 0);
+        for degrees in (-180..180).step_by(5) {
+            let mut values = tone_from(&antennas_m, f64::from(degrees), &mut rng);
+            let [first, second] = exchanged;
+            (0..N).for_each(|k| values.swap(first * N + k, second * N + k));
+            let line = &find(&frames(antennas, N, false, values), &array(&antennas_m, ""), 1).unwrap()[0].line;
+            let error_deg = (line.azimuth_deg.unwrap() - f64::from(degrees) + 540.0).rem_euclid(360.0) - 180.0;
+            count += usize::from(line.valid);
+            wrong += usize::from(line.valid && error_deg.abs() > 3.0 * line.sigma_deg.unwrap());
+            assert!(!line.flags.is_empty() || error_deg.abs() < 1.0, "{degrees}: {line:?}");
+        }
+        assert!(count < 36 && wrong <= 4, "{antennas} {exchanged:?}: {count} of 72 valid, {wrong} beyond 3 sigma");
+    }
+}
+
+#[test]
+fn an_antenna_that_is_not_connected_is_told_and_left_out() {
+    let mut rng = Rng::new(45, 0);
+    let antennas_m = ring(5, 0.35);
+    for degrees in (-180..180).step_by(15) {
+        let mut values = tone_from(&antennas_m, f64::from(degrees), &mut rng);
+        values[2 * N..3 * N].iter_mut().for_each(|value| *value = normal(&mut rng) * 0.5_f32.sqrt());
+        let line = &find(&frames(5, N, false, values), &array(&antennas_m, ""), 1).unwrap()[0].line;
+        let error_deg = (line.azimuth_deg.unwrap() - f64::from(degrees) + 540.0).rem_euclid(360.0) - 180.0;
+        assert!(line.valid && error_deg.abs() < 0.5, "{degrees}: {line:?}");
+        assert_eq!(line.flags, ["dead_3"]);
     }
 }
