@@ -22,7 +22,6 @@ type Note = Packed<[u8; STATUSTEXT_DATA::ENCODED_LEN]>;
 /// Counts of what was not sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Dropped {
-    pub(crate) setpoints: u32,
     pub(crate) errands: u32,
     pub(crate) notes: u32,
 }
@@ -55,7 +54,7 @@ impl Outbox {
             direction: None,
             surroundings: None,
             parameter: None,
-            dropped: Dropped { setpoints: 0, errands: 0, notes: 0 },
+            dropped: Dropped { errands: 0, notes: 0 },
             sequence: 0,
             frame: [0; FRAME_MAX],
             sent: 0,
@@ -65,11 +64,7 @@ impl Outbox {
 
     /// The newest setpoint replaces one that has not been sent yet.
     pub(crate) fn post_setpoint(&mut self, now: Instant, setpoint: &SET_POSITION_TARGET_LOCAL_NED_DATA) {
-        let since = self.waiting_since();
-        if since.is_some() {
-            self.dropped.setpoints = self.dropped.setpoints.saturating_add(1);
-        }
-        self.setpoint = Some((since.unwrap_or(now), Packed::new(setpoint)));
+        self.setpoint = Some((self.waiting_since().unwrap_or(now), Packed::new(setpoint)));
     }
 
     /// Withdraws a setpoint that waits.

@@ -100,8 +100,6 @@ pub struct Counters {
     pub rejected: u32,
     /// Published setpoints that were not finite or too fast.
     pub setpoint_faults: u32,
-    /// Setpoints that a newer one replaced before they were sent.
-    pub setpoints_replaced: u32,
     /// Times that no setpoint was sent for more than 0.2 s.
     pub setpoints_late: u32,
     /// Answers and requests that were dropped because the queue was full.
@@ -577,7 +575,6 @@ impl Companion {
         let dropped = self.outbox.dropped();
         Counters {
             framer: self.framer.counters(),
-            setpoints_replaced: dropped.setpoints,
             errands_dropped: dropped.errands,
             telemetry_dropped: dropped.notes,
             ..self.counters

@@ -279,7 +279,6 @@ fn the_setpoint_leaves_first_and_telemetry_is_dropped_first() {
     });
     assert!(values.max().unwrap() >= 12_150, "the oldest telemetry is dropped, not the newest");
     let counters = bench.companion.counters();
-    assert_eq!(counters.setpoints_replaced, 27);
     assert!(counters.telemetry_dropped > 0);
     assert_eq!(counters.errands_dropped, 0);
 }
