@@ -171,7 +171,7 @@ fn rails(values: &[Complex32]) -> Option<[f32; 2]> {
     let [least, most] =
         parts.fold([f32::INFINITY, f32::NEG_INFINITY], |[least, most], part| [least.min(part), most.max(part)]);
     let is_power = |value: f32| value > f32::MIN_POSITIVE && value.to_bits() << 9 == 0;
-    let full = if is_power(most) { most } else { f32::from_bits((most.max(0.0).to_bits() >> 23) + 1 << 23) };
+    let full = if is_power(most) { most } else { f32::from_bits(((most.max(0.0).to_bits() >> 23) + 1) << 23) };
     let step = full - most;
     let ends = most > 0.0 && (step == 0.0 || is_power(step) && step <= full / RAIL_STEPS);
     (ends && (least == -full || least == -most)).then_some([least, most])

@@ -210,8 +210,10 @@ fn an_offset_is_no_source_in_a_short_recording_or_beside_a_sample_that_is_no_num
     }
 }
 
-/// How a receiver's own offset may change from sample to sample, from 0 to 1 and further.
-const WANDERS: [(&str, fn(f64) -> f64); 4] = [
+/// How a receiver's own offset changes over a recording, whose time goes from 0 to 1.
+type Wanders = fn(f64) -> f64;
+
+const WANDERS: [(&str, Wanders); 4] = [
     ("rises", |time| time - 0.3),
     ("steps", |time| if time < 0.42 { 1.0 } else { -0.7 }),
     ("settles", |time| (-4.0 * time).exp()),
@@ -219,7 +221,7 @@ const WANDERS: [(&str, fn(f64) -> f64); 4] = [
 ];
 
 /// Adds an offset that changes, of another phase in each channel.
-fn add_wandering(values: &mut [Complex32], channels: usize, amplitude: f64, wanders: fn(f64) -> f64) {
+fn add_wandering(values: &mut [Complex32], channels: usize, amplitude: f64, wanders: Wanders) {
     let count = (values.len() / channels) as f64;
     for (at, channel) in values.chunks_exact_mut(N).enumerate() {
         let phase = 1.9 * (at % channels) as f64;
