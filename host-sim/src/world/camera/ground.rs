@@ -1,6 +1,6 @@
 //! Textures of the ground, made of noise.
 
-use super::light::Colour;
+use super::light::{Colour, each};
 
 /// Material of the ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,12 +57,13 @@ impl Ground {
                 let joint = 0.02 / side_m + 0.5 * pixel_m / side_m;
                 let edge = |x: f32| (x - x.round()).abs() < joint;
                 let own = 0.5 * lattice(n.floor() as i32, e.floor() as i32, seed as u32);
-                let tile = colour.map(|value| value * (0.9 + 0.25 * own + 0.1 * noise(0.05, 1)));
+                let shade = 0.9 + 0.25 * own + 0.1 * noise(0.05, 1);
+                let tile = each(|k| colour[k] * shade);
                 let seen = (0.02 / pixel_m).min(1.0);
                 if edge(n) || edge(e) { mix(tile, [0.16, 0.15, 0.14], 0.8 * seen) } else { tile }
             }
             Self::Soil { colour } => {
-                let dark = colour.map(|value| 0.6 * value);
+                let dark = each(|k| 0.6 * colour[k]);
                 mix(colour, dark, 0.6 + 0.7 * noise(0.3, 1) + 0.6 * noise(0.05, 2))
             }
             Self::Mixed => {
@@ -77,7 +78,7 @@ impl Ground {
 
 fn mix(from: Colour, to: Colour, part: f32) -> Colour {
     let part = part.clamp(0.0, 1.0);
-    [0, 1, 2].map(|k| from[k] + part * (to[k] - from[k]))
+    each(|k| from[k] + part * (to[k] - from[k]))
 }
 
 /// A random number of a lattice point, -1 to 1.

@@ -3,6 +3,11 @@
 /// Linear red, green and blue.
 pub type Colour = [f32; 3];
 
+/// A colour by its channels. `array::map` would be a call for each of them in every pixel.
+pub(super) fn each(channel: impl Fn(usize) -> f32) -> Colour {
+    [channel(0), channel(1), channel(2)]
+}
+
 /// A shadow's straight edge across the picture: dark on one side.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shadow {

@@ -16,6 +16,8 @@ pub mod watch;
 
 use std::f32::consts::TAU;
 
+use light::each;
+
 pub use foxhound_pad::Camera;
 pub use frame::{Frame, Size};
 pub use ground::Ground;
@@ -165,7 +167,7 @@ impl Pose {
 
     /// A ray of the body, with forward and right per unit of down, in north, east, down.
     fn ray(axes: &[[f32; 3]; 3], forward: f32, right: f32) -> [f32; 3] {
-        [0, 1, 2].map(|k| axes[0][k] * forward + axes[1][k] * right + axes[2][k])
+        each(|k| axes[0][k] * forward + axes[1][k] * right + axes[2][k])
     }
 
     /// A point on the ground as the body's tangents forward and right, and its depth along down.
@@ -217,7 +219,7 @@ pub fn render(scene: &Scene, camera: &Camera, pose: &Pose, lighting: &Lighting, 
             for (north_m, east_m, _) in samples {
                 let lit = lit(&lighting.shadows, north_m, east_m);
                 let colour = surface(&near, ground, north_m, east_m);
-                sum = [0, 1, 2].map(|k| sum[k] + 0.25 * lit * colour[k]);
+                sum = each(|k| sum[k] + 0.25 * lit * colour[k]);
             }
             *pixel = sum;
         }
@@ -264,7 +266,7 @@ fn surface(objects: &[&Thing], ground: Colour, north_m: f32, east_m: f32) -> Col
     for thing in objects {
         let cover = thing.cover(north_m, east_m);
         if cover > 0.0 {
-            colour = [0, 1, 2].map(|k| colour[k] + cover * (thing.colour[k] - colour[k]));
+            colour = each(|k| colour[k] + cover * (thing.colour[k] - colour[k]));
         }
     }
     colour

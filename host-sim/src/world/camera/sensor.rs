@@ -3,7 +3,7 @@
 use foxhound_pad::Format;
 
 use super::frame::{Frame, Size};
-use super::light::{Colour, Lighting, linear};
+use super::light::{Colour, Lighting, each, linear};
 use crate::world::random::Random;
 
 /// Makes a frame from the light of each pixel.
@@ -17,7 +17,9 @@ pub(super) fn expose(image: &mut Vec<Colour>, lighting: &Lighting, size: Size, s
     }
     let mut mean = [0.0_f64; 3];
     for pixel in image.iter() {
-        mean = [0, 1, 2].map(|k| mean[k] + f64::from(pixel[k]) / (width * height) as f64);
+        for (mean, value) in mean.iter_mut().zip(pixel) {
+            *mean += f64::from(*value) / (width * height) as f64;
+        }
     }
     let flare = mean.map(|mean| lighting.flare * mean as f32);
     let [five_bits, six_bits, eight_bits] = [31, 63, 255].map(steps);
@@ -32,7 +34,7 @@ pub(super) fn expose(image: &mut Vec<Colour>, lighting: &Lighting, size: Size, s
             let corner = 1.0 - lighting.vignette * (x * x + y * y) / 0.39;
             let slope = 1.0 + lighting.gradient[0] * x + lighting.gradient[1] * y;
             let gain = lighting.exposure * corner * slope.max(0.1);
-            let mut value = [0, 1, 2].map(|k| {
+            let mut value = each(|k| {
                 let light = (gain * lighting.gains[k] * (pixel[k] + flare[k])).max(0.0);
                 let sigma = (light / lighting.full_well + lighting.read_noise * lighting.read_noise).sqrt();
                 (light + sigma * draws[3 * column + k] as f32).clamp(0.0, 1.0)
@@ -73,19 +75,22 @@ fn coded(steps: &[f32], light: f32) -> u16 {
 
 /// Blurs by a Gaussian.
 pub(super) fn blur(image: &mut [Colour], width: usize, height: usize, sigma_px: f32) {
-    let reach = (2.5 * sigma_px).ceil().min(8.0) as isize;
+    let reach = (2.5 * sigma_px).ceil().min(8.0) as i16;
     let mut weights: Vec<f32> =
-        (-reach..=reach).map(|at| libm::expf(-0.5 * (at as f32 / sigma_px) * (at as f32 / sigma_px))).collect();
+        (-reach..=reach).map(|at| libm::expf(-0.5 * (f32::from(at) / sigma_px) * (f32::from(at) / sigma_px))).collect();
     let sum: f32 = weights.iter().sum();
     weights.iter_mut().for_each(|weight| *weight /= sum);
     let mut pass = |from: usize, step: usize, count: usize, line: &mut Vec<Colour>| {
+        // Beyond either end it goes on as it ends.
+        let (first, last) = (image[from], image[from + (count - 1) * step]);
         line.clear();
+        line.extend((0..reach).map(|_| first));
         line.extend((0..count).map(|at| image[from + at * step]));
-        for at in 0..count {
+        line.extend((0..reach).map(|_| last));
+        for (at, near) in line.windows(weights.len()).enumerate() {
             let mut out = [0.0; 3];
-            for (weight, away) in weights.iter().zip(-reach..=reach) {
-                let other = line[(at as isize + away).clamp(0, count as isize - 1) as usize];
-                out = [0, 1, 2].map(|k| out[k] + weight * other[k]);
+            for (weight, other) in weights.iter().zip(near) {
+                out = each(|k| out[k] + weight * other[k]);
             }
             image[from + at * step] = out;
         }
