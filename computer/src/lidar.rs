@@ -283,14 +283,14 @@ impl Lidar {
         }
     }
 
-    /// A point in a ray: of several in a turn the nearest counts, and a hit overrules a miss.
+    /// A point in a ray: of several in a turn the nearest counts. A hit overrules what is not sure, and that overrules a miss.
     fn note(&mut self, now: Instant, ray: u16, seen: Sector) {
         let at = usize::from(ray);
         let Some(last) = self.last.replace(ray) else { return self.rays.set(at, seen) };
         if last == ray {
             return match (self.rays.get(at), seen) {
                 (Sector::Hit(before_m), Sector::Hit(range_m)) if before_m <= range_m => {}
-                (Sector::Hit(_), Sector::Clear | Sector::Unknown) | (Sector::Clear, Sector::Unknown) => {}
+                (Sector::Hit(_), Sector::Clear | Sector::Unknown) | (Sector::Unknown, Sector::Clear) => {}
                 _ => self.rays.set(at, seen),
             };
         }
