@@ -203,15 +203,15 @@ impl Default for Lines {
 
 /// The text of `help`.
 pub const HELP: [&str; 9] = [
-    "help                this list",
-    "status              version, restart, clock, outcome, link, stack, watchdog, times of all tasks",
-    "selftest            test the receiver, with a tone through a splitter; disarmed",
-    "selftest tone       the same with the board's own tone",
-    "calibrate           calibrate the channels, with a tone through a splitter; disarmed",
-    "factory-reset yes   erase everything stored; not in control",
-    "dump N              log the samples of the next N frames; not in control",
-    "watchdog yes        stop feeding the watchdog, to test its restart; not in control",
-    "restart             restart, into standby; not in control",
+    "help: this list",
+    "status: of everything",
+    "selftest: of the receiver, with a tone through a splitter; disarmed",
+    "selftest tone: the same with the board's own tone",
+    "calibrate: the channels, with a tone through a splitter; disarmed",
+    "factory-reset yes: erase everything stored; not in control",
+    "dump N: log the samples of the next N frames; not in control",
+    "watchdog yes: stop feeding the watchdog, to test its restart; not in control",
+    "restart: into standby; not in control",
 ];
 
 /// Source of the computer's clock.
