@@ -56,8 +56,8 @@ impl Covariance {
     /// One over the root of each antenna's power; zero of one that hears nothing.
     pub(super) fn coherence_scale(&self) -> [f32; ANTENNAS_MAX] {
         let mut scale = [0.0; ANTENNAS_MAX];
-        for (antenna, (scale, power)) in scale.iter_mut().zip(self.diagonal()).enumerate() {
-            *scale = if self.lives(antenna) { 1.0 / sqrt(power) } else { 0.0 };
+        for (scale, power) in scale.iter_mut().zip(self.diagonal()) {
+            *scale = if power > 0.0 { 1.0 / sqrt(power) } else { 0.0 };
         }
         scale
     }
@@ -97,13 +97,24 @@ impl Covariance {
         self.rows.iter().enumerate().map(|(k, row)| row.get(k).map_or(0.0, |r| r.re))
     }
 
-    /// Whether an antenna hears anything: one that is 20 dB below the loudest is not connected.
+    /// Without the antennas that are 20 dB below the loudest: they are not connected, and what they hear comes from the others.
+    #[must_use]
+    pub fn of_the_living(&self) -> Self {
+        let least = DEAD_POWER_RATIO * self.diagonal().fold(0.0, f32::max);
+        let mut living = *self;
+        for (k, _) in self.diagonal().enumerate().filter(|(_, power)| !(*power > least)) {
+            for (m, row) in living.rows.iter_mut().enumerate() {
+                for (n, sum) in row.iter_mut().enumerate() {
+                    *sum = if m == k || n == k { Complex::default() } else { *sum };
+                }
+            }
+        }
+        living
+    }
+
+    /// Whether an antenna hears anything.
     #[must_use]
     pub fn lives(&self, antenna: usize) -> bool {
-        let loudest = self.diagonal().fold(0.0, f32::max);
-        self.rows
-            .get(antenna)
-            .and_then(|row| row.get(antenna))
-            .is_some_and(|power| power.re > DEAD_POWER_RATIO * loudest)
+        self.rows.get(antenna).and_then(|row| row.get(antenna)).is_some_and(|power| power.re > 0.0)
     }
 }

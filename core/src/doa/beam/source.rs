@@ -63,7 +63,7 @@ impl Source {
             return bearing.into();
         }
         // Only ratios count. Squared, sums of loud codes would be too large for a number.
-        let covariance = &covariance.of_mean_one();
+        let covariance = &covariance.of_the_living().of_mean_one();
         let samples = covariance.weight();
         let (Some(peak), true) = (beam.find(covariance), samples >= 1.0) else { return bearing.into() };
         let antennas = peak.antennas as f32;
@@ -82,8 +82,8 @@ impl Source {
             return bearing.into();
         }
         let first = Dominant::of(|z| covariance.times(z), &start);
-        // Share of the strongest component that the plane wave holds.
-        let fit = power * samples / first.value;
+        // Share of the strongest component that the plane wave holds, whatever the channels' gains.
+        let fit = covariance.power(&scaled(&start)) / (antennas * alike.value);
 
         let mut flags = Flags::default();
         for antenna in (0..beam.antennas()).filter(|antenna| !covariance.lives(*antenna)) {
@@ -92,7 +92,9 @@ impl Source {
         let ratio = noise / source;
         let variance = ratio / (2.0 * samples) * (1.0 + ratio / antennas) / peak.sensitivity.max(1e-12);
         let mut sigma_rad = sqrt(variance + self.floor_rad * self.floor_rad);
-        if let Some(second) = second(beam, covariance, &peak, &first, noise * samples) {
+        let second = second(beam, covariance, &peak, &first, noise * samples);
+        let is_alone = second.is_none();
+        if let Some(second) = second {
             flags = flags.with(second);
             // What the strongest component holds beside the plane wave bends its phases by so much.
             let misfit = (1.0 - fit).max(0.0) / peak.sensitivity.max(1e-12);
@@ -106,10 +108,7 @@ impl Source {
         if !is_clear || mirror_rad.is_some() {
             flags = flags.with(Flags::AMBIGUOUS);
         }
-        if fit < FIT_LEAST {
-            flags = flags.with(Flags::MULTIPATH);
-        }
-        bearing.valid = is_clear && fit >= FIT_LEAST;
+        bearing.valid = is_clear && (is_alone || fit >= FIT_LEAST);
         bearing.flags = flags;
         bearing.azimuth_rad = peak.azimuth_rad;
         bearing.sigma_rad = if sigma_rad < PI { sigma_rad } else { PI };
