@@ -250,7 +250,7 @@ impl SelfTest {
         if let Stage::Running(run) = &mut self.stage {
             run.take(array, sample_rate_hz / N as f32, snapshot, phasors);
         }
-        self.conclude(Some((array, phasors)));
+        self.conclude(Some(array));
     }
 
     /// The vehicle is needed.
@@ -262,11 +262,11 @@ impl SelfTest {
     }
 
     #[inline(never)]
-    fn conclude(&mut self, last: Option<(&Array, &Phasors)>) {
+    fn conclude(&mut self, array: Option<&Array>) {
         if let Stage::Running(run) = &self.stage
             && run.is_over()
         {
-            let verdict = run.judge(last);
+            let verdict = run.judge(array);
             let takes_over = verdict == Verdict::Pass && matches!(run.exam, Exam::Calibrate { .. });
             let entry = run.entry().filter(|_| takes_over);
             self.stage = Stage::Ended(run.report(verdict), entry);

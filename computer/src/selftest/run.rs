@@ -177,8 +177,8 @@ impl Run {
         }
     }
 
-    /// The first fault. `last` is the last frame, if there was one.
-    pub(super) fn judge(&self, last: Option<(&Array, &Phasors)>) -> Verdict {
+    /// The first fault; the array is there where frames came.
+    pub(super) fn judge(&self, array: Option<&Array>) -> Verdict {
         let measured = self.measured();
         let fail = |check, channels| Verdict::Fail { check, channels };
         let found = |check, channels: Channels| (!channels.is_none()).then_some(fail(check, channels));
@@ -201,7 +201,7 @@ impl Run {
             .or_else(|| each(Check::Offset, &|channel| libm::fabsf(channel.offset_codes) > OFFSET_MAX_CODES))
             .or_else(|| each(Check::Noise, &|channel| channel.noise_codes > noise_max_codes))
             .or_else(|| self.judge_tone(&measured))
-            .or_else(|| found(Check::Order, last.map_or(Channels::NONE, |(array, phasors)| self.moved(array, phasors))))
+            .or_else(|| found(Check::Order, array.map_or(Channels::NONE, |array| self.moved(array, &measured))))
             .unwrap_or(Verdict::Pass)
     }
 
@@ -241,19 +241,28 @@ impl Run {
 
     /// Channels whose antennas are on others; only a source in a known direction shows it, with calibrated channels.
     #[inline(never)]
-    fn moved(&self, array: &Array, last: &Phasors) -> Channels {
+    fn moved(&self, array: &Array, measured: &[Measured; CHANNELS]) -> Channels {
         let Exam::SelfTest(Tone::Ahead { .. }) = self.exam else { return Channels::NONE };
         let Some(entry) = self.entry() else { return Channels::NONE };
         if !array.depends_on_frequency() || array.at(entry.frequency_hz).is_uncalibrated() {
             return Channels::NONE;
         }
-        // The last frame may hold another tone, or none.
-        let (z, frequency_hz) = (self.first, entry.frequency_hz);
-        let heard = Phasors { z, frequency_hz, tone: phase::Tone::Present, clipped: false, ..*last };
+        // Of all frames: the last one may hold another tone, or none.
+        let expected = self.source().phasors(array);
+        let heard = Phasors {
+            time: self.last,
+            z: core::array::from_fn(|m| {
+                Complex::at(entry.phase_rad[m]).scaled(measured[m].amplitude_codes).times(expected[m])
+            }),
+            noise: core::array::from_fn(|m| measured[m].noise_codes * measured[m].noise_codes * (4.0 / N as f32)),
+            snr_db: 0.0,
+            frequency_hz: entry.frequency_hz,
+            tone: phase::Tone::Present,
+            clipped: false,
+            interferer: false,
+        };
         let mut check = order::Check::of_calibrated();
-        if check.step(array, self.source(), &heard) != Taken::Yes {
-            return Channels::which(|_| true);
-        }
+        check.step(array, self.source(), &heard);
         match check.order() {
             Order::AsConfigured => Channels::NONE,
             Order::Swapped(a, b) => Channels::one(a).and(b),
