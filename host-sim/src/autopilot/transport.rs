@@ -222,6 +222,15 @@ impl Line {
         }
     }
 
+    /// How often a serial port has been opened again: who is at its other end then may have restarted.
+    #[must_use]
+    pub fn openings(&self) -> u32 {
+        match &self.0 {
+            Kind::Serial(serial) => serial.openings(),
+            Kind::Tcp(_) | Kind::Udp(_) => 0,
+        }
+    }
+
     /// Everything that has come since the last call.
     pub fn read(&mut self) -> Vec<u8> {
         match &mut self.0 {

@@ -47,9 +47,14 @@ fn packet(report: &IqReport, array: &RadioArray) -> Result<Packet, InputError> {
     if !slots.is_empty() {
         switch.build(slots.len(), 1)?;
     }
-    let is_extreme = |[i, q]: &&[i8; 2]| [i, q].iter().any(|part| part.unsigned_abs() >= 127);
-    let clipped = report.reference().iter().chain(report.slots()).filter(is_extreme).count();
+    let clipped = clipped(report);
     Ok(Packet { emitter: emitter(report), reference: reference.to_vec(), values: slots.to_vec(), clipped })
+}
+
+/// How many samples of a report are at the ends of the range.
+pub(super) fn clipped(report: &IqReport) -> usize {
+    let is_extreme = |[i, q]: &&[i8; 2]| [i, q].iter().any(|part| part.unsigned_abs() >= 127);
+    report.reference().iter().chain(report.slots()).filter(is_extreme).count()
 }
 
 /// Number of a report's transmitter. Connections and trains have handles of their own, of twelve bits.

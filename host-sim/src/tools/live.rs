@@ -285,7 +285,10 @@ impl Live {
                 }
                 Event::Measured(measured) => {
                     self.state = State::Hearing;
-                    newest = Some(measured);
+                    // Lines of a datagram, and datagrams, may come in another order.
+                    if newest.as_ref().is_none_or(|newest: &Measurement| newest.at <= measured.at) {
+                        newest = Some(measured);
+                    }
                 }
                 Event::Nothing(why) => self.state = State::NoBearing(why),
                 Event::Refused(why) => self.state = State::Refused(why),

@@ -17,6 +17,12 @@ const LIGHT_M_S: f64 = 299_792_458.0;
 /// A carrier may be off the array's wavelength by this share.
 const UNLIKE: f64 = 0.05;
 
+/// Whether the samples about a frequency may hold a source of a wavelength, which is anywhere in them.
+pub(super) fn is_of_wavelength(hz: f64, wavelength_m: f32, sample_rate_hz: f64) -> bool {
+    let carrier_hz = LIGHT_M_S / f64::from(wavelength_m);
+    (hz - carrier_hz).abs() <= UNLIKE * carrier_hz + 0.5 * sample_rate_hz
+}
+
 /// Reads a recording.
 ///
 /// # Errors
@@ -111,10 +117,9 @@ impl Meta {
                 return Err(InputError::new(format!("captures[{at}].core:header_bytes = {bytes}: not supported")));
             }
             let Some(frequency) = capture.get("core:frequency").filter(|frequency| **frequency != 0) else { continue };
-            // The source is anywhere in the samples.
             let carrier_hz = LIGHT_M_S / f64::from(wavelength_m);
-            let far_hz = UNLIKE * carrier_hz + 0.5 * sample_rate_hz;
-            if frequency.as_f64().is_none_or(|hz| hz != 0.0 && (hz - carrier_hz).abs() > far_hz) {
+            let fits = |hz: f64| hz == 0.0 || is_of_wavelength(hz, wavelength_m, sample_rate_hz);
+            if !frequency.as_f64().is_some_and(fits) {
                 let text = format!(
                     "captures[{at}].core:frequency = {frequency}: the array file has wavelength_m = {wavelength_m}"
                 );

@@ -19,6 +19,8 @@ const OPEN_AGAIN_AFTER: Duration = Duration::from_millis(500);
 pub struct Serial {
     stream: Option<Stream<File>>,
     kind: Kind,
+    /// How often it has been opened again.
+    openings: u32,
 }
 
 #[derive(Debug)]
@@ -33,7 +35,7 @@ impl Serial {
     pub(super) fn open(device: &Path, baud: u32) -> io::Result<Self> {
         let stream = Some(Stream::new(open_port(device, baud)?));
         let kind = Kind::Port { device: device.to_owned(), baud, try_again: Instant::now() };
-        Ok(Self { stream, kind })
+        Ok(Self { stream, kind, openings: 0 })
     }
 
     /// A pseudo-terminal and the device by which it is reached.
@@ -49,7 +51,8 @@ impl Serial {
         rustix::fs::fcntl_setfl(&terminal, flags | OFlags::NONBLOCK)?;
         // A program that is started meanwhile would keep it open.
         rustix::io::fcntl_setfd(&terminal, rustix::io::FdFlags::CLOEXEC)?;
-        Ok((Self { stream: Some(Stream::new(File::from(terminal))), kind: Kind::Terminal { is_open: false } }, device))
+        let stream = Some(Stream::new(File::from(terminal)));
+        Ok((Self { stream, kind: Kind::Terminal { is_open: false }, openings: 0 }, device))
     }
 
     pub(super) fn is_open(&mut self) -> bool {
@@ -59,10 +62,15 @@ impl Serial {
                 if self.stream.is_none() && Instant::now() >= *try_again {
                     *try_again = Instant::now() + OPEN_AGAIN_AFTER;
                     self.stream = open_port(device, *baud).ok().map(Stream::new);
+                    self.openings += u32::from(self.stream.is_some());
                 }
                 self.stream.is_some()
             }
         }
+    }
+
+    pub(super) fn openings(&self) -> u32 {
+        self.openings
     }
 
     pub(super) fn read(&mut self) -> Vec<u8> {

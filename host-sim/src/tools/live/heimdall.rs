@@ -10,14 +10,15 @@ use std::net::{TcpStream, ToSocketAddrs as _};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use foxhound_core::doa::bearing::Flags;
 use num_complex::Complex32;
 
 use super::{Event, Measurement};
 use crate::scenario::input::InputError;
+use crate::tools::bearings::mark_clipped;
 use crate::tools::frames::FRAME;
 use crate::tools::iq::{Estimator, Offset};
 use crate::tools::radio_array::RadioArray;
+use crate::tools::sigmf::is_of_wavelength;
 
 const HEADER_BYTES: usize = 1024;
 const SYNC_WORD: u32 = 0x2BF7_B95A;
@@ -31,6 +32,8 @@ const LENGTHS: std::ops::RangeInclusive<usize> = 8..=1 << 20;
 pub(super) struct Header {
     pub(super) is_data: bool,
     pub(super) channels: usize,
+    /// Of the radio, zero if it does not tell.
+    pub(super) centre_hz: u64,
     pub(super) rate_hz: u64,
     pub(super) length: usize,
     pub(super) is_overdriven: bool,
@@ -47,6 +50,7 @@ impl Header {
         let header = Self {
             is_data: word(4) == 0,
             channels: word(28) as usize,
+            centre_hz: long(40),
             rate_hz: long(56),
             length: word(64) as usize,
             is_overdriven: word(104) != 0,
@@ -73,6 +77,11 @@ impl Header {
         let antennas = array.beam.count;
         if self.channels != antennas {
             return Some(Event::Refused(format!("active_ant_chs = {}: antennas_m has {antennas}", self.channels)));
+        }
+        let wavelength_m = array.beam.wavelength_m;
+        if self.centre_hz != 0 && !is_of_wavelength(self.centre_hz as f64, wavelength_m, array.sample_rate_hz) {
+            let text = format!("rf_center_freq = {}: the array file has wavelength_m = {wavelength_m}", self.centre_hz);
+            return Some(Event::Refused(text));
         }
         if (self.rate_hz as f64 - array.sample_rate_hz).abs() > 1e-6 * array.sample_rate_hz {
             let own_hz = array.sample_rate_hz;
@@ -159,7 +168,8 @@ fn estimate(estimator: &mut Estimator, payload: &[u8], header: &Header, at: Inst
     }
     let mut bearing = estimator.take(0).bearing;
     if header.is_overdriven {
-        bearing.flags = bearing.flags.with(Flags::CLIP);
+        // How many samples are clipped is not told.
+        mark_clipped(&mut bearing, samples.len(), samples.len(), header.channels);
     }
     Measurement::of(&bearing, at)
 }

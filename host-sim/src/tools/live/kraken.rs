@@ -36,8 +36,10 @@ pub(super) fn start(host: &str, port: u16, frequency_hz: Option<u64>) -> Receive
 fn run(host: &str, port: u16, frequency_hz: Option<u64>, sender: &Sender<Event>) {
     let mut last_ms = None;
     loop {
+        // The answer is no newer than the request.
+        let asked = Instant::now();
         let (event, pause) = match get(host, port) {
-            Ok(body) => (newest(&body, frequency_hz, &mut last_ms, Instant::now()), PERIOD),
+            Ok(body) => (newest(&body, frequency_hz, &mut last_ms, asked), PERIOD),
             Err(why) => {
                 last_ms = None;
                 (Some(Event::Lost(why)), AGAIN)
@@ -87,6 +89,7 @@ pub(super) fn newest(body: &str, frequency_hz: Option<u64>, last_ms: &mut Option
                 let at = now.checked_sub(read.latency).unwrap_or(now);
                 return Some(Event::Measured(Measurement::plain(at, azimuth_rad, None)));
             }
+            Err(why) if frequency_hz.is_none() => return Some(Event::Refused(why)),
             Err(why) => torn = Some(Event::Refused(why)),
         }
     }

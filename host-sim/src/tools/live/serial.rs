@@ -10,7 +10,8 @@ use foxhound_link::radio::{hci, uudf};
 use super::{Event, Measurement};
 use crate::autopilot::transport::Line;
 use crate::scenario::input::InputError;
-use crate::tools::hci::array_of;
+use crate::tools::bearings::mark_clipped;
+use crate::tools::hci::{array_of, clipped};
 use crate::tools::radio_array::RadioArray;
 
 /// A silence in which no packet goes on.
@@ -30,6 +31,8 @@ pub(super) struct Serial {
     line: Line,
     reader: Reader,
     was_open: bool,
+    /// How often the line had been opened again.
+    openings: u32,
     /// When the last bytes came.
     last: Instant,
 }
@@ -40,17 +43,23 @@ impl Serial {
             line,
             reader: Reader::Reports(Box::new((hci::Reader::new(), reports))),
             was_open: true,
+            openings: 0,
             last: Instant::now(),
         }
     }
 
     pub(super) fn angles(line: Line) -> Self {
-        Self { line, reader: Reader::Angles(uudf::Reader::default()), was_open: true, last: Instant::now() }
+        let reader = Reader::Angles(uudf::Reader::default());
+        Self { line, reader, was_open: true, openings: 0, last: Instant::now() }
     }
 
     /// The events since the last call. The wanted transmitter is a handle, or an address.
     pub(super) fn events(&mut self, wanted: Option<u64>) -> Vec<Event> {
         let bytes = self.line.read();
+        if self.line.openings() != self.openings {
+            self.openings = self.line.openings();
+            self.reader.begin_anew();
+        }
         let is_open = self.line.is_open();
         if !bytes.is_empty() {
             let silent = std::mem::replace(&mut self.last, Instant::now()).elapsed();
@@ -68,6 +77,19 @@ impl Serial {
 }
 
 impl Reader {
+    /// The radio may have restarted: its handles are new, and half a line is none.
+    fn begin_anew(&mut self) {
+        match self {
+            Self::Reports(both) => {
+                both.0 = hci::Reader::new();
+                both.1.finder = iq::Finder::new();
+                // It was begun with the same before.
+                both.1.finder.begin(&both.1.array, both.1.floor_rad).ok();
+            }
+            Self::Angles(reader) => *reader = uudf::Reader::default(),
+        }
+    }
+
     fn read(&mut self, bytes: &[u8], wanted: Option<u64>) -> Vec<Event> {
         let now = Instant::now();
         let other = || Event::Nothing("another transmitter".to_owned());
@@ -104,20 +126,25 @@ impl Reader {
 /// The directions of the packets that are reported.
 pub(super) struct Reports {
     array: iq::Array,
+    floor_rad: f32,
     finder: iq::Finder<TRANSMITTERS>,
 }
 
 impl Reports {
     pub(super) fn new(array: &RadioArray) -> Result<Self, InputError> {
         let floor_rad = array.sigma_floor_rad.unwrap_or(FLOOR_RAD);
-        let mut reports = Self { array: array_of(array)?, finder: iq::Finder::new() };
+        let mut reports = Self { array: array_of(array)?, floor_rad, finder: iq::Finder::new() };
         reports.finder.begin(&reports.array, floor_rad)?;
         Ok(reports)
     }
 
     fn estimate(&mut self, report: &hci::IqReport, address: Option<u64>, now: Instant) -> Event {
         match self.finder.bearing(&self.array.switch, report, address, time::Instant(0)) {
-            Ok(Some(bearing)) => Measurement::of(&bearing, now),
+            Ok(Some(mut bearing)) => {
+                let samples = report.reference().len() + report.slots().len();
+                mark_clipped(&mut bearing, clipped(report), samples, self.array.beam.count);
+                Measurement::of(&bearing, now)
+            }
             Ok(None) => Event::Nothing("reports without samples to use".to_owned()),
             Err(error) => Event::Refused(error.to_string()),
         }

@@ -290,6 +290,44 @@ fn lines_of_a_serial_port_give_bearings_and_its_end_has_a_name() {
     until(&mut live, |state, _| matches!(state, State::Lost(_)));
 }
 
+/// Half a line before a radio was unplugged and half of one after it are no line.
+#[test]
+fn a_radio_that_is_plugged_in_again_begins_anew() {
+    let device = std::env::temp_dir().join(format!("foxhound-radio-{}", std::process::id()));
+    let plug_in = || {
+        let (far, address) = Line::listen(&Listen::Pty).unwrap();
+        let Address::Serial { device: real, baud } = address else { panic!("{address}") };
+        std::fs::remove_file(&device).ok();
+        std::os::unix::fs::symlink(real, &device).unwrap();
+        (far, baud)
+    };
+    let line: &[u8] = b"+UUDF:6C1DEBA41845,-56,-11,20,0,39,\"6C1DEBA79D14\",\"\",746675,1\r\n";
+    let (mut far, baud) = plug_in();
+    let mut live = Live::open(&Source::Uudf(device.clone(), baud), options()).unwrap();
+    far.read();
+    far.write(line);
+    until(&mut live, |_, bearing| bearing.is_some());
+    far.write(&line[..23]);
+    std::thread::sleep(Duration::from_millis(50));
+    live.poll(NOW);
+    drop(far);
+    until(&mut live, |state, _| matches!(state, State::Lost(_)));
+    let (mut far, _) = plug_in();
+    until(&mut live, |_, _| {
+        far.read();
+        far.is_open()
+    });
+    far.write(&line[23..]);
+    far.write(b"+UUDF:6C1DEBA41845,-56,25,20,0,39,\"6C1DEBA79D14\",\"\",1,1\r\n");
+    let mut first = None;
+    until(&mut live, |_, bearing| {
+        first = first.or(bearing.map(|bearing| degrees(&bearing).round()));
+        first.is_some()
+    });
+    assert_eq!(first, Some(25.0));
+    std::fs::remove_file(&device).unwrap();
+}
+
 /// On a line each bearing has a mirror image that fits as well: half of the directions would be wrong.
 #[test]
 fn antennas_on_a_line_are_refused() {
