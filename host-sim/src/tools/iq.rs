@@ -5,9 +5,10 @@
 //!
 //! - **At 0 Hz** a direct-conversion receiver has an offset of its own, which looks like a source. Where the mean is much the same in
 //!   all frames, or in eight parts of fewer, it is taken out, and with it what a transmitter sends at less than about half a turn in all of it.
-//!   Where the means follow each other slowly, the offset wanders, and the bins beside 0 Hz are left out. A transmitter there turns from part to part.
+//!   Where it wanders slowly, the bins beside 0 Hz are left out. What a transmitter sends there turns.
 //! - **Samples and bins count for less where noise is not white**, and a bearing to what stands beside the band is not valid, see `band`.
 
+use std::f64::consts::PI;
 use std::path::Path;
 
 use foxhound_core::base::time::Instant;
@@ -32,6 +33,8 @@ const WANDERS: f64 = 0.5;
 const WANDERS_TURN: f64 = 0.2;
 /// A converter has at least so many codes on either side of zero.
 const RAIL_STEPS: f32 = 32.0;
+/// Half frames in a frame, an eighth apart.
+const PLACES: usize = 5;
 /// Samples of a channel in a frame.
 const SAMPLES: std::ops::RangeInclusive<usize> = 8..=1 << 20;
 
@@ -106,7 +109,9 @@ impl Frames {
         };
         let clipped = values.chunks_exact(channels * samples).map(|frame| frame.iter().filter(is_extreme).count());
         let clipped = clipped.collect();
-        let (means, wanders) = (offset.means(), offset.wanders());
+        let means = offset.means();
+        // Of real samples what is beside 0 Hz is left out anyway.
+        let wanders = !is_real && wanders(&values, channels, samples);
         Ok(Self { channels, samples, values, is_real, repeated, clipped, kind, means, wanders })
     }
 
@@ -164,17 +169,15 @@ impl Frames {
     }
 }
 
-/// Where a converter of fewer bits than the format, or one whose codes were scaled, ends: the least value is a power of two, and the largest the same or a
-/// lesser power of two below it. A recording that does not reach them has such values by chance, and seldom.
+/// Where a converter of fewer bits than the format ends, or one whose codes were scaled: its least value is a power of two, and its largest a
+/// lesser power of two below it, or both are one. A recording that does not reach them has such values by chance, and seldom.
 fn rails(values: &[Complex32]) -> Option<[f32; 2]> {
     let parts = values.iter().flat_map(|value| [value.re, value.im]).filter(|part| part.is_finite());
-    let [least, most] =
-        parts.fold([f32::INFINITY, f32::NEG_INFINITY], |[least, most], part| [least.min(part), most.max(part)]);
+    let ends = parts.fold([f32::INFINITY, f32::NEG_INFINITY], |[least, most], part| [least.min(part), most.max(part)]);
     let is_power = |value: f32| value > f32::MIN_POSITIVE && value.to_bits() << 9 == 0;
-    let full = if is_power(most) { most } else { f32::from_bits(((most.max(0.0).to_bits() >> 23) + 1) << 23) };
-    let step = full - most;
-    let ends = most > 0.0 && (step == 0.0 || is_power(step) && step <= full / RAIL_STEPS);
-    (ends && (least == -full || least == -most)).then_some([least, most])
+    let [full, step] = [-ends[0], -ends[0] - ends[1]];
+    let is_converter = is_power(full) && is_power(step) && step <= full / RAIL_STEPS;
+    (is_converter || ends == [-1.0, 1.0]).then_some(ends)
 }
 
 fn read_frames(bytes: &[u8]) -> Result<Samples, InputError> {
@@ -260,7 +263,7 @@ pub(super) fn find_watched(
             mark_clipped(&mut arrival.bearing, clipped, looks * frames.channels * frames.samples, frames.channels);
             let mut line = ArrayLine::new(frame, None, &arrival);
             // Without a band no frequency is measured.
-            line.line.freq_hz = line.line.freq_hz.filter(|_| estimator.band.bins().is_some());
+            line.line.freq_hz = line.line.freq_hz.filter(|_| array.band_hz.is_some() || array.tone_hz.is_some());
             lines.push(line);
         }
     }
@@ -375,21 +378,48 @@ impl Offset {
         let narrow = |mean: &Complex64| Complex32::new(mean.re as f32, mean.im as f32);
         middle.iter().map(|mean| if is_offset { narrow(mean) } else { Complex32::default() }).collect()
     }
+}
 
-    /// Whether it changes slowly: beside their mean, the parts' means resemble those of the part before, and do not turn as those of a
-    /// transmitter do.
-    fn wanders(&self) -> bool {
-        let middle = self.middle();
-        let parts: Vec<Vec<Complex64>> = self
-            .means
-            .chunks_exact(self.channels)
-            .map(|means| means.iter().zip(&middle).map(|(mean, middle)| mean - middle).collect())
-            .collect();
-        let power: f64 = parts.iter().flatten().map(Complex64::norm_sqr).sum();
-        let products = parts.windows(2).flat_map(|pair| pair[0].iter().zip(&pair[1]));
-        let alike: Complex64 = products.map(|(before, after)| after * before.conj()).sum();
-        parts.len() >= OFFSET_PARTS && alike.re > WANDERS * power && alike.im.abs() < WANDERS_TURN * alike.re
+/// Whether the receiver's own offset changes slowly: tapered means of half a frame, less the mean of all of them, resemble those an eighth of a frame
+/// later and those of the next frame, and do not turn as those of a transmitter do. By the taper they hold what is within four bins of 0 Hz, and that
+/// turns by less than half a turn in an eighth of a frame.
+fn wanders(values: &[Complex32], channels: usize, samples: usize) -> bool {
+    let (hop, half) = (samples / 8, samples / 2);
+    let weights: Vec<f64> = (0..half).map(|k| libm::sin(PI * (k as f64 + 0.5) / half as f64).powi(2)).collect();
+    let mean = |channel: &[Complex32], place: usize| {
+        let part = channel[place * hop..].iter().zip(&weights);
+        part.map(|(value, weight)| Complex64::new(value.re.into(), value.im.into()) * weight).sum::<Complex64>()
+    };
+    // One after the other; in each all channels.
+    let mut frames: Vec<Vec<Complex64>> = Vec::new();
+    for frame in values.chunks_exact(channels * samples) {
+        let places = (0..PLACES).flat_map(|place| frame.chunks_exact(samples).map(move |channel| (channel, place)));
+        frames.push(places.map(|(channel, place)| mean(channel, place)).collect());
     }
+    frames.retain(|means| means.iter().all(|mean| mean.is_finite()));
+    if hop == 0 || frames.len() < OFFSET_PARTS {
+        return false;
+    }
+    for channel in 0..channels {
+        let all = frames.iter().flat_map(|means| means.iter().skip(channel).step_by(channels));
+        let middle = all.sum::<Complex64>() / (frames.len() * PLACES) as f64;
+        for mean in frames.iter_mut().flat_map(|means| means.iter_mut().skip(channel).step_by(channels)) {
+            *mean -= middle;
+        }
+    }
+    let places = frames.iter().flat_map(|means| means.iter().zip(&means[channels..]));
+    let following = frames.windows(2).flat_map(|two| two[0].iter().zip(&two[1]));
+    stays(places) && stays(following)
+}
+
+/// Whether most of these goes on from the first to the second of each pair, and does not turn.
+fn stays<'a>(pairs: impl Iterator<Item = (&'a Complex64, &'a Complex64)>) -> bool {
+    let (mut alike, mut power) = (Complex64::default(), 0.0);
+    for (before, after) in pairs {
+        alike += after * before.conj();
+        power += 0.5 * (before.norm_sqr() + after.norm_sqr());
+    }
+    alike.re > WANDERS * power && alike.im.abs() < WANDERS_TURN * alike.re
 }
 
 #[cfg(test)]

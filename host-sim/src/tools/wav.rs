@@ -10,6 +10,8 @@ use num_complex::Complex32;
 use super::frames::{FRAME, Samples, frame_starts, repeated};
 use crate::scenario::input::{InputError, read_bytes};
 
+/// A longer `fmt ` chunk is none.
+const FORMAT_BYTES_MAX: usize = 1 << 10;
 /// Format tag of a header that tells valid bits and room apart.
 const EXTENSIBLE: u16 = 0xFFFE;
 
@@ -115,7 +117,8 @@ impl Chunks {
             if name == b"data" {
                 let Some(format) = format else { return wrong("no fmt chunk before the samples".to_owned()) };
                 let told = if length == u32::MAX as usize { data_bytes.unwrap_or(0) } else { length };
-                let length = if told == 0 || told > left { left } else { told };
+                let is_empty = told == 0 && is_name(begins) && word(begins + 4).is_some_and(|length| length < left);
+                let length = if !is_empty && (told == 0 || told > left) { left } else { told };
                 let ends = begins + length;
                 let rest = bytes.len() - ends;
                 if rest > 1 && !is_name(ends) && !is_name(ends + 1) {
@@ -127,14 +130,12 @@ impl Chunks {
                 break;
             }
             match name {
-                b"fmt " => format = Some(bytes[begins..begins + length].to_vec()),
-                b"ds64" => data_bytes = long(begins + 8),
+                b"fmt " if length <= FORMAT_BYTES_MAX => format = Some(bytes[begins..begins + length].to_vec()),
+                b"ds64" if length >= 16 => data_bytes = long(begins + 8),
                 _ => {}
             }
             // Some writers do not fill up a chunk of odd length.
-            at = begins
-                + length
-                + usize::from(length % 2 == 1 && (is_name(begins + length + 1) || !is_name(begins + length)));
+            at = begins + length + usize::from(length % 2 == 1 && !is_name(begins + length));
         }
         wrong("not a WAV file that can be read: no data chunk".to_owned())
     }
@@ -237,6 +238,7 @@ mod tests {
             chunk
         };
         let list = b"LIST\x03\0\0\0abc";
+        let list40 = b"LIST\x03\0\0\0abcLIST\x28\0\0\0 and all that is in a list of forty bytes.";
         let padded = [&list[..], &[0]].concat();
         let files = [
             ("plain", file(b"RIFF", b"", 400, 200, b"")),
@@ -248,6 +250,7 @@ mod tests {
             ("64 bits, a chunk behind", file(b"BW64", &ds64(400), u32::MAX, 200, list)),
             ("odd chunk, filled up", file(b"RIFF", &padded, 400, 200, &padded)),
             ("odd chunk, not filled up", file(b"RIFF", list, 400, 200, list)),
+            ("odd chunk, not filled up, and lengths like letters", file(b"RIFF", list, 400, 200, list40)),
         ];
         for (name, file) in files {
             let read = parse(&file, 2, 1000.0).unwrap();

@@ -29,7 +29,7 @@ const LEAK_MOST: f32 = 0.1;
 /// Bins left out at either end of the spectrum of real samples, where a frequency stands beside its mirror image.
 const REAL_ENDS: f64 = 3.0;
 /// Bins left out on either side of 0 Hz where the receiver's own offset wanders.
-const WANDERS_BINS: f64 = 5.0;
+const WANDERS_BINS: usize = 5;
 /// Half-width, in bins, for a tone without a band.
 const TONE_BINS: f64 = 4.0;
 /// Steps of the power iteration for an eigenvector.
@@ -173,14 +173,12 @@ impl Band {
                 format!("tone_band_hz = [{low_hz}, {high_hz}] holds no bin of {samples} samples at {rate_hz} Hz");
             return Err(InputError::new(text));
         }
-        let from_zero_hz = |(_, hz): &(usize, f64)| (hz - rate_hz * (hz / rate_hz).round()).abs();
-        let is_clear = |bin: &(usize, f64)| !wanders || from_zero_hz(bin) > WANDERS_BINS * bin_hz;
         let all = || (0..samples).map(|bin| (bin, bin as f64 * bin_hz)).collect::<Vec<_>>();
         let bins = if wanders { bins.or_else(|| Some(all())) } else { bins };
+        let is_clear = |(bin, _): &(usize, f64)| !wanders || (*bin).min(samples - bin) > WANDERS_BINS;
         let bins = bins.map(|bins| bins.into_iter().filter(is_clear).collect::<Vec<_>>());
         if bins.as_ref().is_some_and(Vec::is_empty) {
-            let text =
-                "the receiver's own offset at 0 Hz wanders, and what is beside it is all that tone_band_hz holds";
+            let text = "the receiver's own offset at 0 Hz wanders, and there is nothing but what is beside it";
             return Err(InputError::new(text));
         }
         let bins = bins.filter(|bins| bins.len() < samples);
@@ -257,9 +255,10 @@ impl Band {
                 (0..samples).map(|k| at(&spectra, k)).collect()
             }
         };
-        let Some(peak) = beam.find(&heard.covariance) else { return heard };
-        heard.wave = peak.share * heard.covariance.trace();
-        heard.left = Left::of(beam, &heard.covariance, &peak, bins);
+        let living = heard.covariance.of_the_living();
+        let Some(peak) = beam.find(&living) else { return heard };
+        heard.wave = peak.share * living.trace();
+        heard.left = Left::of(beam, &living, &peak, bins);
         let least = ABOVE_NOISE * peak.antennas as f32 * heard.left.noise;
         let beside = window.beside.iter().map(|(bin, share)| (power_of(&at(&spectra, *bin)), share));
         heard.leak = beside.filter(|(power, _)| *power > least).map(|(power, share)| power * share).sum();
