@@ -21,6 +21,7 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array::{Entry, Table};
 use foxhound_core::doa::calibration::deviation::Deviation;
 use foxhound_core::doa::calibration::record::Calibration;
+use foxhound_core::doa::radio::Sends;
 use foxhound_core::guidance::param::{Id, Values};
 use foxhound_core::guidance::systems::Systems;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Measurement, Output};
@@ -229,6 +230,12 @@ impl<S: Systems> Flight<'_, S> {
     /// Takes bytes of the autopilot.
     pub fn hear(&mut self, now: Instant, bytes: &[u8]) {
         self.companion.receive(now, bytes);
+    }
+
+    /// Whether the sensor is a radio that sends lines of angles.
+    #[must_use]
+    pub fn hears_angles(&self) -> bool {
+        self.config.radio.is_some_and(|mount| mount.sends == Sends::Angles)
     }
 
     /// Takes bytes of the sensor's line; false if there is no sensor.

@@ -313,8 +313,8 @@ fn report<F: NorFlash>(flight: &mut Flight<'_>, store: &mut Store<F>, log: &mut 
     }
     if let Some(calibration) = flight.take_calibration() {
         if !store.keep_calibration(&calibration) {
-            log.text("error: the calibration cannot be stored");
-            flight.companion.notify_text("Foxhound: the calibration cannot be stored");
+            log.text("error: calibration not stored");
+            flight.companion.notify_text("Foxhound: calibration not stored");
         }
         log.begin("calibrated", true, flight);
     }
@@ -418,6 +418,8 @@ pub struct Line<B: Board> {
     outgoing: &'static Outgoing,
     rx_total: u32,
     sensor_total: u32,
+    /// Bytes of the sensor that were lost.
+    sensor_missing: u32,
     tx_total: u32,
     /// The largest number of bytes that waited for the serial line at once.
     most_waiting: u32,
@@ -427,7 +429,16 @@ impl<B: Board> Line<B> {
     /// Before the first byte.
     #[must_use]
     pub const fn new(receiver: B::Receiver, sensor: B::SensorReceiver, outgoing: &'static Outgoing) -> Self {
-        Self { receiver, sensor, outgoing, rx_total: 0, sensor_total: 0, tx_total: 0, most_waiting: 0 }
+        Self {
+            receiver,
+            sensor,
+            outgoing,
+            rx_total: 0,
+            sensor_total: 0,
+            sensor_missing: 0,
+            tx_total: 0,
+            most_waiting: 0,
+        }
     }
 
     /// Passes received bytes on: in lock-step exactly those that belong before this step, otherwise all.
@@ -448,6 +459,10 @@ impl<B: Board> Line<B> {
             if heard.is_empty() {
                 return;
             }
+            // A line of angles has no checksum: what was read since a byte was lost is no line, and neither is what it belongs to.
+            let missing = self.sensor.errors().wrapping_add(self.sensor.waiting().lost);
+            let is_torn = core::mem::replace(&mut self.sensor_missing, missing) != missing;
+            let heard = if is_torn && flight.hears_angles() { &[0][..] } else { heard };
             if flight.hear_sensor(step.now, heard) {
                 log.hear_sensor(heard);
             }
