@@ -65,6 +65,11 @@ impl Companion {
         self.autopilot.is_some_and(|autopilot| autopilot.obeys())
     }
 
+    /// Whether PX4's failsafe flies, which may give control back by itself.
+    pub(super) fn in_failsafe(&self) -> bool {
+        self.autopilot.is_some_and(|autopilot| autopilot.in_failsafe)
+    }
+
     #[inline(never)]
     fn is_unfit(&self, now: Instant) -> bool {
         let lasts = |since: Option<Instant>, limit_s| since.is_some_and(|since| is_over(now, since, limit_s));

@@ -98,16 +98,12 @@ pub struct Counters {
     pub framer: framer::Counters,
     /// Messages with numbers that are not finite, absurd or undefined.
     pub rejected: u32,
-    /// Published setpoints that were not finite or too fast.
-    pub setpoint_faults: u32,
     /// Times that no setpoint was sent for more than 0.2 s.
     pub setpoints_late: u32,
     /// Answers and requests that were dropped because the queue was full.
     pub errands_dropped: u32,
     /// Telemetry that was dropped because the queue was full.
     pub telemetry_dropped: u32,
-    /// Points of obstacles that were dropped because the list was full.
-    pub points_dropped: u32,
     /// Restarts of the autopilot.
     pub reboots: u32,
     /// Jumps of the autopilot's position or heading.
@@ -466,11 +462,6 @@ impl Companion {
         self.has_crashed = true;
     }
 
-    /// Whether the autopilot enters the mode by itself, so that out of the mode and back is no word of the pilot.
-    pub(super) fn may_reenter(&self, software: Software) -> bool {
-        self.has_crashed && software == Software::Px4
-    }
-
     /// Whether the newest stored record is damaged: then the vehicle is not moved.
     pub const fn note_store(&mut self, is_damaged: bool) {
         self.store_damaged = is_damaged;
@@ -489,7 +480,6 @@ impl Companion {
             self.insane_since = None;
             output.setpoint
         } else {
-            count(&mut self.counters.setpoint_faults);
             self.insane_since.get_or_insert(now);
             Setpoint::default()
         };

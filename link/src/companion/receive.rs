@@ -174,8 +174,7 @@ impl Companion {
             self.entry_needed |= was_lost;
         } else if !autopilot.in_failsafe {
             // PX4 comes back to OFFBOARD by itself from a mode that its failsafe has chosen, which is no word of the pilot.
-            self.entry_needed &= self.may_reenter(autopilot.software);
-            (self.has_ended, self.paused) = (false, false);
+            (self.entry_needed, self.has_ended, self.paused) = (false, false, false);
         }
         let changed = self.autopilot.is_none_or(|known| known.software != autopilot.software || !known.sent(header));
         self.autopilot = Some(autopilot);
@@ -522,9 +521,8 @@ impl Companion {
             let (sin, cos) = sin_cos(f32::from(step) * ARC_STEP_RAD);
             let point =
                 Horizontal { north: cos * point.north - sin * point.east, east: sin * point.north + cos * point.east };
-            if points.push(point).is_err() {
-                count(&mut self.counters.points_dropped);
-            }
+            // What comes when the list is full is left out.
+            let _ = points.push(point);
         }
     }
 
@@ -542,7 +540,7 @@ impl Companion {
         } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && self.has_crashed && param1 == 1.0 {
             (self.has_crashed, self.paused) = (false, false);
             MavResult::MAV_RESULT_ACCEPTED
-        } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && !self.obeys() {
+        } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && !self.obeys() && !self.in_failsafe() {
             // It would be forgotten when the mode is entered.
             MavResult::MAV_RESULT_TEMPORARILY_REJECTED
         } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && (param1 == 0.0 || param1 == 1.0) {

@@ -171,7 +171,7 @@ impl Companion {
         let slot = now.0 / (u64::from(SETPOINT_PERIOD_MS) * 1_000);
         let due = self.setpoint_slot.replace(slot).is_some_and(|last| last != slot);
         // Zeros would take PX4 back into OFFBOARD, out of the failsafe that our silence has begun.
-        let prestream = self.config.prestream && !self.may_reenter(autopilot.software) && !self.is_ownship_lost(now);
+        let prestream = self.config.prestream && !self.has_crashed && !self.is_ownship_lost(now);
         let setpoint = match cause.stream(autopilot.software, prestream) {
             Stream::Silent => None,
             Stream::Zero

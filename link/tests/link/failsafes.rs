@@ -590,7 +590,8 @@ fn after_a_crash_of_our_own_px4_does_not_hand_control_back_by_itself() {
     let leave = |heartbeat: &mut HEARTBEAT_DATA| heartbeat.custom_mode = 4 << 16;
     let mut flight = crashed();
     let in_mode = flight.bench.heartbeat.clone().unwrap();
-    leave(flight.bench.heartbeat.as_mut().unwrap());
+    let left = flight.bench.heartbeat.as_mut().unwrap();
+    (left.custom_mode, left.system_status) = (4 << 16 | 3 << 24, MavState::MAV_STATE_CRITICAL as u8);
     flight.run(1.1);
     assert!(flight.setpoints(2.0).is_empty(), "what PX4 waits for is not sent");
     flight.bench.heartbeat = Some(in_mode);
