@@ -453,15 +453,16 @@ impl<B: Board> Line<B> {
             log.hear(heard);
             flight.hear(step.now, heard);
         }
+        let mut is_torn = false;
         loop {
             let expected = step.lock_step.map(|lock_step| lock_step.sensor_expected);
             let heard = take(&mut self.sensor, &mut self.sensor_total, expected, &mut bytes).await;
             if heard.is_empty() {
                 return;
             }
-            // A line of angles has no checksum: what was read since a byte was lost is no line, and neither is what it belongs to.
+            // A line of angles has no checksum: where a byte was lost nothing of this step is read, and what it belongs to is no line.
             let missing = self.sensor.errors().wrapping_add(self.sensor.waiting().lost);
-            let is_torn = core::mem::replace(&mut self.sensor_missing, missing) != missing;
+            is_torn |= core::mem::replace(&mut self.sensor_missing, missing) != missing;
             let heard = if is_torn && flight.hears_angles() { &[0][..] } else { heard };
             if flight.hear_sensor(step.now, heard) {
                 log.hear_sensor(heard);
