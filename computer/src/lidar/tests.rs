@@ -166,6 +166,24 @@ fn what_is_no_reading_is_unknown_and_what_is_silent_free_if_that_is_wanted() {
     }
 }
 
+/// Two points a degree: nothing reflected, and a point that is not sure, in either order.
+#[test]
+fn a_point_that_is_not_sure_is_not_overruled_by_one_without_a_reflection() {
+    for unsure_cdeg in [0, 50] {
+        let mut lidar = lidar();
+        let is_weak = |cdeg: u32| (4_000..9_000).contains(&(cdeg % 36_000)) && cdeg % 100 == unsure_cdeg;
+        for (time, bytes) in turns(0, 1800, 50, |cdeg| if is_weak(cdeg) { (1500, 14) } else { (0, 0) }) {
+            lidar.push(time, &bytes);
+            if let Some(scan) = lidar.scan() {
+                let unknown = scan.rays.iter().filter(|sector| *sector == Sector::Unknown).count();
+                assert_eq!(unknown, 50, "{unsure_cdeg}");
+                lidar.take();
+            }
+        }
+        assert!(lidar.counters().turns >= 1);
+    }
+}
+
 #[test]
 fn a_frame_that_is_lost_leaves_unknown_rays_and_no_old_ones() {
     let mut lidar = lidar();

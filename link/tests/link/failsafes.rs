@@ -638,6 +638,20 @@ fn a_failsafe_of_px4_lifts_nothing() {
     }
 }
 
+/// A pause that is asked for in PX4's failsafe holds when it comes back to OFFBOARD.
+#[test]
+fn a_pause_is_taken_in_a_failsafe_of_px4() {
+    let mut flight = Flight::of(PX4);
+    let in_mode = flight.bench.heartbeat.clone().unwrap();
+    let left = flight.bench.heartbeat.as_mut().unwrap();
+    (left.custom_mode, left.system_status) = (4 << 16 | 3 << 24, MavState::MAV_STATE_CRITICAL as u8);
+    flight.run(1.1);
+    flight.bench.say(&command(193, 0.0));
+    flight.bench.heartbeat = Some(in_mode);
+    flight.run(1.1);
+    flight.assert_zero(Cause::Paused);
+}
+
 /// PX4 leaves OFFBOARD for its own failsafe when setpoints end, and zeros would take it back.
 #[test]
 fn without_a_position_px4_gets_no_zeros_outside_of_offboard_either() {

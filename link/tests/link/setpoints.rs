@@ -78,7 +78,7 @@ fn with_nothing_published_zero_is_streamed() {
 }
 
 #[test]
-fn a_setpoint_that_is_not_finite_or_absurd_becomes_zero_and_is_counted() {
+fn a_setpoint_that_is_not_finite_or_absurd_becomes_zero() {
     let mut bench = Bench::flying();
     bench.run(0.5);
     let bad = [
