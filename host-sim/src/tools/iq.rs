@@ -5,7 +5,7 @@
 //!
 //! - **At 0 Hz** a direct-conversion receiver has an offset of its own, which looks like a source. Where the mean is much the same in
 //!   all frames, or in eight parts of fewer, it is taken out, and with it what a transmitter sends at less than about half a turn in all of it.
-//!   Where it wanders slowly, the bins beside 0 Hz are left out. What a transmitter sends there turns.
+//!   Where it wanders slowly, over eight frames or more, the bins beside 0 Hz are left out. What a transmitter sends there turns.
 //! - **Samples and bins count for less where noise is not white**, and a bearing to what stands beside the band is not valid, see `band`.
 
 use std::f64::consts::PI;
@@ -263,7 +263,8 @@ pub(super) fn find_watched(
             mark_clipped(&mut arrival.bearing, clipped, looks * frames.channels * frames.samples, frames.channels);
             let mut line = ArrayLine::new(frame, None, &arrival);
             // Without a band no frequency is measured.
-            line.line.freq_hz = line.line.freq_hz.filter(|_| array.band_hz.is_some() || array.tone_hz.is_some());
+            let is_banded = array.band_hz.is_some() || array.tone_hz.is_some() || frames.is_real;
+            line.line.freq_hz = line.line.freq_hz.filter(|_| is_banded && estimator.band.bins().is_some());
             lines.push(line);
         }
     }

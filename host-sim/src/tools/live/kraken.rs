@@ -4,7 +4,7 @@
 //! station, latitude, longitude, heading twice, `GPS`, four reserved, then the spectrum over the circle. The software rewrites the file in
 //! place, so a line may be incomplete: it is skipped. A line with the same time as the previous one is not a new bearing, nor is the first after
 //! the start or a failure: nobody knows how long it has been there. The time is of the radio's clock, which need not be ours, so a bearing's age is the
-//! latency (ms) that its line states.
+//! latency (ms) that its line states, and the time since the file was requested.
 
 use std::io::{Read as _, Write as _};
 use std::net::{TcpStream, ToSocketAddrs as _};
