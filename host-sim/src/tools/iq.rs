@@ -328,9 +328,9 @@ impl Estimator {
 
 /// A receiver's own offset of each channel: the mean, where it is much the same in all parts of a recording.
 pub(super) struct Offset {
-    channels: usize,
-    /// Means of all channels in each part, part after part.
-    means: Vec<Complex64>,
+    sums: Vec<Complex64>,
+    squares: f64,
+    means: usize,
     /// Of a frame.
     parts: usize,
 }
@@ -338,7 +338,8 @@ pub(super) struct Offset {
 impl Offset {
     /// For so many frames. Few are cut into parts.
     pub(super) fn new(channels: usize, frames: usize) -> Self {
-        Self { channels, means: Vec::new(), parts: OFFSET_PARTS.div_ceil(frames.max(1)) }
+        let parts = OFFSET_PARTS.div_ceil(frames.max(1));
+        Self { sums: vec![Complex64::default(); channels], squares: 0.0, means: 0, parts }
     }
 
     /// Takes a frame, channel after channel. A part that is not finite does not count.
@@ -350,34 +351,25 @@ impl Offset {
         }
         let wide = |value: &Complex32| Complex64::new(f64::from(value.re), f64::from(value.im));
         for part in 0..self.parts {
-            let of_part = |channel: &&[Complex32]| {
-                channel.iter().skip(part * length).take(length).map(wide).sum::<Complex64>() / length as f64
-            };
+            let of_part = |channel: &&[Complex32]| channel.iter().skip(part * length).take(length).map(wide).sum();
             let means: Vec<Complex64> = channels.iter().map(of_part).collect();
             if means.iter().all(|mean| mean.is_finite()) {
-                self.means.extend(means);
+                for (sum, mean) in self.sums.iter_mut().zip(means) {
+                    *sum += mean / length as f64;
+                    self.squares += mean.norm_sqr() / (length * length) as f64;
+                }
+                self.means += 1;
             }
         }
     }
 
-    fn count(&self) -> usize {
-        self.means.len() / self.channels
-    }
-
-    /// The mean of each channel.
-    fn middle(&self) -> Vec<Complex64> {
-        let of_channel = |channel| self.means.iter().skip(channel).step_by(self.channels).sum::<Complex64>();
-        (0..self.channels).map(|channel| of_channel(channel) / self.count() as f64).collect()
-    }
-
     /// The offset of each channel; zeros where there is none.
     pub(super) fn means(&self) -> Vec<Complex32> {
-        let middle = self.middle();
-        let alike = middle.iter().map(Complex64::norm_sqr).sum::<f64>() * self.count() as f64;
-        let squares = self.means.iter().map(Complex64::norm_sqr).sum::<f64>();
-        let is_offset = 2 * self.count() >= OFFSET_PARTS && alike > OFFSET_SHARE * squares;
-        let narrow = |mean: &Complex64| Complex32::new(mean.re as f32, mean.im as f32);
-        middle.iter().map(|mean| if is_offset { narrow(mean) } else { Complex32::default() }).collect()
+        let count = self.means as f64;
+        let alike = self.sums.iter().map(Complex64::norm_sqr).sum::<f64>() / count;
+        let is_offset = 2 * self.means >= OFFSET_PARTS && alike > OFFSET_SHARE * self.squares;
+        let mean = |sum: &Complex64| Complex32::new((sum.re / count) as f32, (sum.im / count) as f32);
+        self.sums.iter().map(|sum| if is_offset { mean(sum) } else { Complex32::default() }).collect()
     }
 }
 
