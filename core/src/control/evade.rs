@@ -122,6 +122,8 @@ struct Other {
     reach_m: f32,
     keep_m: f32,
     rate_mps: f32,
+    /// Distance of its rim.
+    rim_m: f32,
 }
 
 /// The worst hit and the least clearance of one roll-out.
@@ -168,7 +170,8 @@ impl Evader {
         for other in input.moving.into_iter().flatten() {
             let at_m = other.center_ned_m.plus(other.velocity_ned_mps.times(dead_s));
             let away_m = at_m.minus(start).norm();
-            let reach_s = (away_m - other.reach_m) / (self.fast_mps + other.velocity_ned_mps.norm());
+            let rim_m = away_m - other.reach_m;
+            let reach_s = rim_m / (self.fast_mps + other.velocity_ned_mps.norm());
             if reach_s > self.horizon_s {
                 continue;
             }
@@ -177,8 +180,8 @@ impl Evader {
             // One that is too near already must not come nearer.
             let keep_m = if wanted_m < away_m - 0.01 { wanted_m } else { away_m - 0.01 };
             let velocity_mps = other.velocity_ned_mps;
-            let one = Other { at_m, velocity_mps, reach_m: other.reach_m, keep_m, rate_mps: MARGIN_RATE_MPS };
-            keep_nearest(&mut moving, start, one);
+            let one = Other { at_m, velocity_mps, reach_m: other.reach_m, keep_m, rate_mps: MARGIN_RATE_MPS, rim_m };
+            keep_nearest(&mut moving, one);
         }
         if moving.is_empty() {
             state.choice_ned_mps = None;
@@ -189,11 +192,11 @@ impl Evader {
             return None;
         }
         let mut standing: Vec<Other, STANDING_MAX> = Vec::new();
-        let is_far =
-            |away_m: f32, other: &Neighbour| away_m - other.reach_m > (self.turn_s() + STANDING_S) * self.fast_mps;
+        let is_far = |rim_m: f32| rim_m > (self.turn_s() + STANDING_S) * self.fast_mps;
         for other in input.standing {
             let away_m = other.center_ned_m.minus(start).norm();
-            if is_far(away_m, other) {
+            let rim_m = away_m - other.reach_m;
+            if is_far(rim_m) {
                 continue;
             }
             // Hits of a moving obstacle.
@@ -211,8 +214,7 @@ impl Evader {
             let at_m = other.center_ned_m;
             keep_nearest(
                 &mut standing,
-                start,
-                Other { at_m, velocity_mps, reach_m: other.reach_m, keep_m, rate_mps: 0.0 },
+                Other { at_m, velocity_mps, reach_m: other.reach_m, keep_m, rate_mps: 0.0, rim_m },
             );
         }
         let fence = input.fence.and_then(|side| {
@@ -220,8 +222,9 @@ impl Evader {
             // Behind it already, it must not go farther out.
             let keep_m = if side.reach_m < away_m - 0.01 { side.reach_m } else { away_m - 0.01 };
             let (at_m, velocity_mps) = (side.center_ned_m, Horizontal::default());
-            let other = Other { at_m, velocity_mps, reach_m: side.reach_m, keep_m, rate_mps: 0.0 };
-            (!is_far(away_m, &side)).then_some(other)
+            let rim_m = away_m - side.reach_m;
+            let other = Other { at_m, velocity_mps, reach_m: side.reach_m, keep_m, rate_mps: 0.0, rim_m };
+            (!is_far(rim_m)).then_some(other)
         });
         let still = [&standing[..], fence.as_slice()];
         let speed = asked.norm();
@@ -360,12 +363,11 @@ impl Evader {
     }
 }
 
-/// Adds one; when the list is full it replaces the farthest.
-fn keep_nearest<const M: usize>(others: &mut Vec<Other, M>, from: Horizontal, one: Other) {
+/// Adds one; when the list is full it replaces the one whose rim is farthest away.
+fn keep_nearest<const M: usize>(others: &mut Vec<Other, M>, one: Other) {
     let Err(one) = others.push(one) else { return };
-    let far = |other: &Other| other.at_m.minus(from).norm_squared();
-    if let Some(last) = others.iter_mut().max_by(|a, b| far(a).total_cmp(&far(b)))
-        && far(&one) < far(last)
+    if let Some(last) = others.iter_mut().max_by(|a, b| a.rim_m.total_cmp(&b.rim_m))
+        && one.rim_m < last.rim_m
     {
         *last = one;
     }
@@ -470,6 +472,28 @@ mod tests {
             walks.filter(meets).count()
         });
         assert!(slow > 0 && fast < slow, "{slow} {fast}");
+    }
+
+    #[test]
+    fn of_many_those_are_kept_whose_rims_are_near_wherever_their_centres_are() {
+        let other = |rim_m: f32, reach_m: f32| Other {
+            at_m: at(0.3 * rim_m, rim_m + reach_m),
+            velocity_mps: Horizontal::default(),
+            reach_m,
+            keep_m: reach_m,
+            rate_mps: 0.0,
+            rim_m,
+        };
+        let mut others: Vec<Other, STANDING_MAX> = Vec::new();
+        for number in 0..2 * STANDING_MAX {
+            keep_nearest(&mut others, other(1.0 + 0.1 * number as f32, 0.2));
+        }
+        // A trunk whose centre is farther away than all of them.
+        keep_nearest(&mut others, other(0.5, 3.0));
+        let mut kept_m: std::vec::Vec<f32> = others.iter().map(|other| other.rim_m).collect();
+        kept_m.sort_by(f32::total_cmp);
+        let nearest_m: std::vec::Vec<f32> = (0..STANDING_MAX - 1).map(|number| 1.0 + 0.1 * number as f32).collect();
+        assert_eq!((kept_m[0], &kept_m[1..]), (0.5, &nearest_m[..]));
     }
 
     #[test]
