@@ -90,6 +90,8 @@ impl<const N: usize> Guidance<N> {
                     body.reach_m -= BODY_M;
                 }
             }
+        } else {
+            state.control.evade = evade::State::default();
         }
         let ruling =
             self.guard.step(&mut state.control.guard, &demand, &situation, &state.surroundings.near, self.tick_s);
@@ -97,20 +99,25 @@ impl<const N: usize> Guidance<N> {
         (ruling.setpoint, ruling.action)
     }
 
-    /// Out of control: everything that belongs to a mission starts over; knowledge of the surroundings is kept.
+    /// Out of control: everything that belongs to a mission starts over; knowledge of the surroundings is kept, unless the positions
+    /// contradict the velocities.
     pub(super) fn let_go(&self, state: &mut State<N>) {
         state.control.guard.release(state.vehicle.ownship.map(|ownship| ownship.position_ned_m.down));
         state.vehicle.wind.release();
-        state.vehicle.agreement.release();
         state.belief.trust_reflections();
         state.plans.is_searching = false;
         state.control.look_ned_rad = None;
         state.control.track = track::State::default();
         state.control.evade = evade::State::default();
         state.control.hold_down_m = None;
-        state.plans.due = None;
-        state.plans.pending = None;
         state.plans.end_active();
         state.plans.is_late = false;
+        if state.vehicle.agreement.found().is_some() {
+            // From where it saw what it knows is not known.
+            state.surroundings.forget();
+            state.control.guard.forget();
+            state.belief.forget();
+        }
+        state.vehicle.agreement.release();
     }
 }

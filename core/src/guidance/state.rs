@@ -98,10 +98,22 @@ pub(super) struct Controllers {
 }
 
 impl Plans {
-    /// The active plan is not followed any more, and the walls that came with it are forgotten.
+    /// The active plan is not followed any more, nor the one that has been requested, and the walls that came with it are forgotten.
     pub(super) fn end_active(&mut self) {
-        self.active = None;
+        (self.due, self.pending, self.active) = (None, None, None);
         self.walls.clear();
+    }
+}
+
+impl Surroundings {
+    /// Nothing has been seen yet.
+    #[inline(never)]
+    pub(super) fn forget(&mut self) {
+        let Self { map, tracks, lost_rays, near } = self;
+        map.clear();
+        tracks.clear();
+        *lost_rays = LostRays::default();
+        near.clear();
     }
 }
 
@@ -160,7 +172,7 @@ impl<const N: usize> Guidance<N> {
             turning,
             belief,
             vehicle,
-            surroundings: Surroundings { map, tracks, lost_rays, near },
+            surroundings,
             plans,
             arrival,
             control,
@@ -171,12 +183,9 @@ impl<const N: usize> Guidance<N> {
         phase.clear();
         *last_flags = Flags::default();
         *turning = turning::State::default();
-        *belief = belief::State::default();
+        belief.forget();
         *vehicle = VehicleState::default();
-        map.clear();
-        tracks.clear();
-        *lost_rays = LostRays::default();
-        near.clear();
+        surroundings.forget();
         *plans = Plans::default();
         *arrival = Arrival::default();
         *control = Controllers::default();

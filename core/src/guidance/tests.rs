@@ -377,6 +377,26 @@ fn where_its_position_cannot_be_trusted_it_brakes_and_gives_way_to_nothing() {
 }
 
 #[test]
+fn what_was_seen_from_positions_that_contradict_the_velocity_is_forgotten_when_the_pilot_takes_over() {
+    for is_contradictory in [false, true] {
+        let mut flight = Flight::new(&[(2.6, 0.9, 0.2)], (9.0, 0.0));
+        let report = flight.run(6.0, |step, input| {
+            // Three metres off, in steps that the link does not see as a jump.
+            if let Some(ownship) = input.ownship.as_mut().filter(|_| is_contradictory && step > 100) {
+                ownship.position_ned_m.east += 0.1 * (step - 100).min(30) as f32;
+            }
+            if step >= 200 {
+                (input.control, input.circles) = (Control::NotInControl, None);
+            }
+        });
+        let state = report.state.unwrap();
+        let has_held = report.outputs.iter().any(|output| output.stale == Some(Stale::VelocityContradicts));
+        let known = [state.map().circles().next().is_some(), state.control.guard.coverage().has_seen()];
+        assert_eq!((has_held, known), (is_contradictory, [!is_contradictory; 2]));
+    }
+}
+
+#[test]
 fn losing_the_mode_stops_at_once_and_a_fresh_entry_goes_on() {
     let mut flight = Flight::new(&[], (30.0, 0.0));
     let report = flight.run(12.0, |step, input| {

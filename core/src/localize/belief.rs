@@ -193,6 +193,12 @@ impl Localizer {
 }
 
 impl State {
+    /// Nothing has been received yet.
+    #[inline(never)]
+    pub fn forget(&mut self) {
+        *self = Self::default();
+    }
+
     /// The averaged bearing of the source from north, clockwise; `None` before the first valid one.
     #[must_use]
     pub fn bearing_ned_rad(&self) -> Option<f32> {

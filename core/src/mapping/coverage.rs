@@ -192,6 +192,12 @@ impl Coverage {
         &self.latest
     }
 
+    /// Whether any place counts as seen.
+    #[cfg(test)]
+    pub(crate) fn has_seen(&self) -> bool {
+        self.seen != [[0; 2]; SIDE as usize]
+    }
+
     /// Someone else flies the vehicle: the position where it is next asked to move is a new start.
     pub fn leave(&mut self) {
         self.home_ned_m = None;
@@ -201,12 +207,17 @@ impl Coverage {
     pub fn level(&mut self, down_m: Option<f32>) {
         let Some(down_m) = down_m.filter(|down_m| down_m.is_finite()) else { return };
         if libm::fabsf(down_m - *self.down_m.get_or_insert(down_m)) >= ALTITUDE_M {
-            (self.seen, self.hidden) = ([[0; 2]; SIDE as usize], [[0; 2]; SIDE as usize]);
-            self.stood = None;
-            // That there is a sensor is still known.
-            self.latest.ranges = Ranges::new();
+            self.forget();
             self.down_m = Some(down_m);
         }
+    }
+
+    /// Nothing has been seen; that there is a sensor is still known.
+    #[inline(never)]
+    pub(crate) fn forget(&mut self) {
+        (self.seen, self.hidden) = ([[0; 2]; SIDE as usize], [[0; 2]; SIDE as usize]);
+        self.stood = None;
+        self.latest.ranges = Ranges::new();
     }
 
     fn contains(&self, north: i32, east: i32) -> bool {

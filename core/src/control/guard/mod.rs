@@ -214,6 +214,11 @@ impl State {
         self.coverage.leave();
         self.coverage.level(down_m);
     }
+
+    /// Nothing has been seen.
+    pub(crate) fn forget(&mut self) {
+        self.coverage.forget();
+    }
 }
 
 impl Guard {
