@@ -11,7 +11,8 @@
 //!
 //! A position is a jump when it is farther from where the last one led than `max(0.15 m, 3 v dt + 0.1 m)`, with `v` the
 //! faster of the two speeds, and than five times the noise: noise that is hidden when it goes one way and not when it comes back would
-//! move our frame. Noise comes back: what one position is off by is made up for by the next. Steps that go on in one direction are
+//! move our frame. A position that is told again, bit for bit, is an estimate that comes less often than its messages: the way is summed up
+//! until it changes. Noise comes back: what one position is off by is made up for by the next. Steps that go on in one direction are
 //! none. Or it is one when a message says so (`ODOMETRY.reset_counter`, a new
 //! `GPS_GLOBAL_ORIGIN`). A heading is a jump when it is more than 10 degrees from where the yaw rate led. Until the first jump
 //! both frames are the same, to the bit.
@@ -29,7 +30,9 @@ const BLIND_STEP_MIN_M: f32 = 1.0;
 const NOISE_WEIGHT: f32 = 1.0 / 16.0;
 const NOISES: f32 = 5.0;
 /// After a longer gap a change of position is not taken for a jump.
-const PLACE_GAP_MAX_S: f32 = 2.0;
+pub(crate) const PLACE_GAP_MAX_S: f32 = 2.0;
+/// A position that stands for longer is frozen.
+const STANDS_MAX_S: f32 = 0.5;
 const TURN_MIN_RAD: f32 = 10.0 * core::f32::consts::PI / 180.0;
 /// After a longer gap a change of heading is not taken for a jump.
 const HEADING_GAP_MAX_S: f32 = 0.5;
@@ -44,6 +47,9 @@ pub(crate) struct Continuity {
     /// Mean square of how far a position was off from where the last one led, as far as the next came back; a jump counts as the limit.
     noise_m2: f32,
     off_m: Ned,
+    /// Since the position last changed: the time, and how far the velocity has led.
+    stood_s: f32,
+    led_m: Ned,
     /// Whether there was a jump at all.
     differs: bool,
     /// A message said that the next position, or the next heading, begins anew.
@@ -83,6 +89,8 @@ impl Continuity {
             shift_m: Ned { north: 0.0, east: 0.0, down: 0.0 },
             noise_m2: 0.0,
             off_m: Ned { north: 0.0, east: 0.0, down: 0.0 },
+            stood_s: 0.0,
+            led_m: Ned { north: 0.0, east: 0.0, down: 0.0 },
             differs: false,
             place_is_new: false,
             heading_is_new: false,
@@ -107,10 +115,23 @@ impl Continuity {
         }
         // Over a gap before a new beginning the motion is unknown, so it is not extrapolated.
         let dt_s = if dt_s > PLACE_GAP_MAX_S { 0.0 } else { dt_s };
+        let (stood_s, led_m) = (core::mem::take(&mut self.stood_s), core::mem::take(&mut self.led_m));
+        let led_m = Ned {
+            north: led_m.north + 0.5 * (from_mps.north + to_mps.north) * dt_s,
+            east: led_m.east + 0.5 * (from_mps.east + to_mps.east) * dt_s,
+            down: led_m.down + 0.5 * (from_mps.down + to_mps.down) * dt_s,
+        };
+        let dt_s = stood_s + dt_s;
+        if to_m == from_m && !is_new {
+            if dt_s <= STANDS_MAX_S {
+                (self.stood_s, self.led_m) = (dt_s, led_m);
+            }
+            return None;
+        }
         let step_m = Ned {
-            north: to_m.north - from_m.north - 0.5 * (from_mps.north + to_mps.north) * dt_s,
-            east: to_m.east - from_m.east - 0.5 * (from_mps.east + to_mps.east) * dt_s,
-            down: to_m.down - from_m.down - 0.5 * (from_mps.down + to_mps.down) * dt_s,
+            north: to_m.north - from_m.north - led_m.north,
+            east: to_m.east - from_m.east - led_m.east,
+            down: to_m.down - from_m.down - led_m.down,
         };
         let (before_mps, after_mps) = (norm(from_mps), norm(to_mps));
         let fastest_mps = if before_mps > after_mps { before_mps } else { after_mps };
@@ -244,6 +265,21 @@ mod tests {
             let still = ned(0.0, 0.0, 0.0);
             let (to_m, to_mps) = (ned(0.5 * a_mps2 * dt_s * dt_s, 0.0, 0.0), ned(a_mps2 * dt_s, 0.0, 0.0));
             assert_eq!(frame.follow_place(&Displacement { from_m: still, to_m, from_mps: still, to_mps, dt_s }), None);
+        }
+    }
+
+    #[test]
+    fn positions_that_come_less_often_than_their_messages_do_not_jump_and_one_that_does_is_found() {
+        for (each, speed_mps) in [(5, 1.0_f32), (10, 1.0), (20, 1.5), (24, 3.0)] {
+            let mut frame = Continuity::new();
+            let velocity = ned(speed_mps, 0.0, 0.0);
+            let place = |tick: u32| ned(0.02 * speed_mps * (tick / each * each) as f32, 0.0, 0.0);
+            for tick in 0..40 * each {
+                assert_eq!(frame.follow_place(&moved(place(tick), velocity, place(tick + 1), 0.02)), None, "{each}");
+            }
+            let last = place(40 * each);
+            let jumped = ned(last.north + 0.02 * speed_mps * each as f32 + 3.0 * speed_mps + 1.0, 0.0, 0.0);
+            assert!(frame.follow_place(&moved(last, velocity, jumped, 0.02)).is_some(), "{each}");
         }
     }
 
