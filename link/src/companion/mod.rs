@@ -445,7 +445,8 @@ impl Companion {
         core::mem::take(&mut self.key_changed)
     }
 
-    /// Whether the autopilot has restarted since the last call: guidance must begin anew, as its frame does.
+    /// Whether the autopilot has restarted since the last call, or told no position for seconds: guidance must begin anew, as its frame
+    /// may.
     pub fn take_world_lost(&mut self) -> bool {
         core::mem::take(&mut self.world_is_lost)
     }

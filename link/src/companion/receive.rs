@@ -12,7 +12,7 @@ use crate::advice::Advice;
 use crate::autopilot::{Attitude, Autopilot, Position, Software};
 use crate::beams::Beams;
 use crate::clock::{PeerClock, Stamped, is_over, nanos};
-use crate::continuity::{Continuity, Displacement, Turn};
+use crate::continuity::{Continuity, Displacement, PLACE_GAP_MAX_S, Turn};
 use crate::dialect::{
     self as d, COMMAND_ACK_DATA, HEARTBEAT_DATA, MavCmd, MavFrame, MavLandedState, MavResult, OBSTACLE_DISTANCE_DATA,
     SETUP_SIGNING_DATA, TIMESYNC_DATA,
@@ -301,6 +301,8 @@ impl Companion {
                 to_mps: position.velocity_ned_mps,
                 dt_s,
             };
+            // How the vehicle has moved meanwhile is unknown, and whether its frame has: nothing that is remembered can be relied on.
+            self.world_is_lost |= dt_s > PLACE_GAP_MAX_S;
             // A smaller jump is followed without holding, unless many add up: then it is not the estimate that jumps.
             self.jumped_m *= 1.0 - moved.dt_s.min(JUMPS_S) / JUMPS_S;
             if let Some(jumped_m) = self.continuity.follow_place(&moved) {

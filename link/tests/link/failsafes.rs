@@ -441,6 +441,23 @@ fn ownship_lost_an_estimator_that_does_not_know_counts_like_silence() {
 }
 
 #[test]
+fn after_seconds_without_a_position_guidance_remembers_nothing() {
+    for autopilot in BOTH {
+        for (silent_s, is_lost) in [(1.5, false), (2.5, true)] {
+            let mut flight = Flight::of(autopilot);
+            flight.run(1.0);
+            flight.position_is_silent = true;
+            flight.run(silent_s);
+            assert!(!flight.bench.companion.take_world_lost());
+            flight.position_is_silent = false;
+            flight.run(0.1);
+            assert_eq!(flight.bench.companion.take_world_lost(), is_lost);
+            assert!(!flight.bench.companion.take_world_lost());
+        }
+    }
+}
+
+#[test]
 fn a_restart_of_the_autopilot_needs_a_fresh_entry_and_ends_what_guidance_knew() {
     for autopilot in BOTH {
         let mut flight = Flight::of(autopilot);
