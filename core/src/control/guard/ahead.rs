@@ -16,19 +16,11 @@ const SHORT_M: f32 = 0.06;
 
 /// Only this much of the margin around a known obstacle counts as known.
 const BESIDE_KNOWN_M: f32 = 0.05;
-/// Cosine and sine of the directions, off the direction of travel, in which the hull's front approaches an obstacle:
-/// up to 75 degrees. At 90 degrees it would pass it.
-const FRONT: [(f32, f32); 9] = [
-    (1.0, 0.0),
-    (0.946_930, 0.321_439),
-    (0.946_930, -0.321_439),
-    (0.793_353, 0.608_761),
-    (0.793_353, -0.608_761),
-    (0.555_570, 0.831_470),
-    (0.555_570, -0.831_470),
-    (0.258_819, 0.965_926),
-    (0.258_819, -0.965_926),
-];
+/// The hull's front approaches an obstacle in directions up to this far off the direction of travel: 75 degrees. At 90 degrees it would
+/// pass it.
+const FRONT_RAD: f32 = 75.0 * core::f32::consts::PI / 180.0;
+/// The places in these directions are no farther apart than this.
+const APART_M: f32 = 0.074;
 
 /// The coverage of the path that a command leads along.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -112,11 +104,20 @@ impl Guard {
         let (nose_east, nose_north) = sin_cos(input.yaw_rad);
         let nose = Horizontal { north: nose_north, east: nose_east };
 
+        let steps = libm::ceilf(FRONT_RAD * reach_m / APART_M);
+        let step = sin_cos(FRONT_RAD / steps);
         let mut covered = PathCover::Seen;
         let mut nearest_the_nose = f32::NEG_INFINITY;
         for station in [middle, ahead].into_iter().skip(usize::from(is_short)) {
-            for (cosine, sine) in FRONT {
-                let place = station.plus(along.times(reach_m * cosine)).plus(right.times(reach_m * sine));
+            // From straight ahead to both sides in turns.
+            let (mut sine, mut cosine) = (0.0, 1.0);
+            for number in 0..=2 * steps as i32 {
+                let is_right = number % 2 == 1;
+                if is_right {
+                    (sine, cosine) = (sine * step.1 + cosine * step.0, cosine * step.1 - sine * step.0);
+                }
+                let aside_m = if is_right { reach_m * sine } else { -reach_m * sine };
+                let place = station.plus(along.times(reach_m * cosine)).plus(right.times(aside_m));
                 if self.surveyor.is_at_home(coverage, place, radius_m) {
                     continue;
                 }

@@ -7,6 +7,7 @@ use crate::base::error::ConfigError;
 use crate::base::pose::Pose;
 use crate::base::rng::Rng;
 use crate::control::vehicle::Vehicle;
+use crate::mapping::scan::{Scan, Sector};
 use std::vec::Vec;
 
 const DT: f32 = 0.02;
@@ -357,6 +358,55 @@ fn it_does_not_set_off_into_what_it_has_not_looked_at_and_yet_sets_off() {
     let pairs = || flights.iter().zip(&blind).filter(|(_, blind)| blind.0 > 0.02 && blind.1 > 2.0);
     let stuck = pairs().filter(|(flight, _)| flight.1 < 1.0).count();
     assert!(pairs().count() > 30 && stuck == 0, "{stuck} of {} are stuck", pairs().count());
+}
+
+/// How far from the hull a dark post, of which no ray comes back, is in the end, beside or on the way of a vehicle with this hull.
+fn before_a_dark_post_m(hull_m: f32, aside_m: f32) -> f32 {
+    const POST_M: f32 = 0.125;
+    let post = at(3.0, aside_m);
+    let guard = Config::default().build(&config::Vehicle { radius_m: hull_m }, &RangeSensor::DEFAULT).unwrap();
+    let (mut vehicle, mut state) = (Vehicle::new(Horizontal::default(), 4, 0.45), State::default());
+    let step_rad = core::f32::consts::FRAC_PI_2 / 72.0;
+    let (mut closest_m, mut look_rad) = (f32::INFINITY, 0.0);
+    for step in 0..600 {
+        if step % 5 == 0 {
+            let away = post.minus(vehicle.position);
+            let ray = |index: u16| {
+                let azimuth_rad = step_rad * (f32::from(index) - 35.5) + vehicle.yaw_rad;
+                let towards = Horizontal::from_bearing(azimuth_rad);
+                let (along_m, off_m) = (towards.dot(away), towards.north * away.east - towards.east * away.north);
+                if along_m > 0.0 && off_m.abs() < POST_M { Sector::Unknown } else { Sector::Clear }
+            };
+            let scan = Scan {
+                time: crate::base::time::Instant(20_000 * step),
+                turn_s: 0.0,
+                first_azimuth_rad: -35.5 * step_rad,
+                step_rad,
+                range_max_m: 3.0,
+                rays: (0..72).map(ray).collect(),
+            };
+            let pose = Pose { position_ned_m: vehicle.position, yaw_rad: vehicle.yaw_rad };
+            guard.note_scan(&mut state, &scan, &pose, false);
+        }
+        let yaw_rate_radps = 2.5 * crate::base::units::wrap_pi(look_rad - vehicle.yaw_rad);
+        let wish = Demand { yaw_rate_radps, ..demand(1.0, 0.0) };
+        let ruling = guard.step(&mut state, &wish, &input(&vehicle), &[], DT);
+        look_rad = ruling.look_ned_rad.unwrap_or(0.0);
+        vehicle.follow(&ruling.setpoint);
+        closest_m = closest_m.min(post.minus(vehicle.position).norm() - POST_M - hull_m);
+    }
+    closest_m
+}
+
+#[test]
+fn what_no_ray_comes_back_from_is_not_flown_into_whatever_the_hull() {
+    for hull_m in [0.15, 0.3, 0.6, 1.0] {
+        for aside in -25..=25 {
+            let aside_m = 0.043 * aside as f32 * (hull_m + 0.05);
+            let clear_m = before_a_dark_post_m(hull_m, aside_m);
+            assert!(clear_m > 0.0, "hull of {hull_m} m, {aside_m} m aside: {clear_m}");
+        }
+    }
 }
 
 /// A pillar hidden behind another from the start is in the open from beside it. The nose points elsewhere when the
