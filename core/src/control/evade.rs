@@ -122,8 +122,8 @@ struct Other {
     reach_m: f32,
     keep_m: f32,
     rate_mps: f32,
-    /// Distance of its rim.
-    rim_m: f32,
+    /// How near it is: the distance of its rim, or how soon that may be reached where it moves.
+    near: f32,
 }
 
 /// The worst hit and the least clearance of one roll-out.
@@ -170,8 +170,7 @@ impl Evader {
         for other in input.moving.into_iter().flatten() {
             let at_m = other.center_ned_m.plus(other.velocity_ned_mps.times(dead_s));
             let away_m = at_m.minus(start).norm();
-            let rim_m = away_m - other.reach_m;
-            let reach_s = rim_m / (self.fast_mps + other.velocity_ned_mps.norm());
+            let reach_s = (away_m - other.reach_m) / (self.fast_mps + other.velocity_ned_mps.norm());
             if reach_s > self.horizon_s {
                 continue;
             }
@@ -180,7 +179,8 @@ impl Evader {
             // One that is too near already must not come nearer.
             let keep_m = if wanted_m < away_m - 0.01 { wanted_m } else { away_m - 0.01 };
             let velocity_mps = other.velocity_ned_mps;
-            let one = Other { at_m, velocity_mps, reach_m: other.reach_m, keep_m, rate_mps: MARGIN_RATE_MPS, rim_m };
+            let one =
+                Other { at_m, velocity_mps, reach_m: other.reach_m, keep_m, rate_mps: MARGIN_RATE_MPS, near: reach_s };
             keep_nearest(&mut moving, one);
         }
         if moving.is_empty() {
@@ -214,7 +214,7 @@ impl Evader {
             let at_m = other.center_ned_m;
             keep_nearest(
                 &mut standing,
-                Other { at_m, velocity_mps, reach_m: other.reach_m, keep_m, rate_mps: 0.0, rim_m },
+                Other { at_m, velocity_mps, reach_m: other.reach_m, keep_m, rate_mps: 0.0, near: rim_m },
             );
         }
         let fence = input.fence.and_then(|side| {
@@ -223,7 +223,7 @@ impl Evader {
             let keep_m = if side.reach_m < away_m - 0.01 { side.reach_m } else { away_m - 0.01 };
             let (at_m, velocity_mps) = (side.center_ned_m, Horizontal::default());
             let rim_m = away_m - side.reach_m;
-            let other = Other { at_m, velocity_mps, reach_m: side.reach_m, keep_m, rate_mps: 0.0, rim_m };
+            let other = Other { at_m, velocity_mps, reach_m: side.reach_m, keep_m, rate_mps: 0.0, near: rim_m };
             (!is_far(rim_m)).then_some(other)
         });
         let still = [&standing[..], fence.as_slice()];
@@ -363,11 +363,11 @@ impl Evader {
     }
 }
 
-/// Adds one; when the list is full it replaces the one whose rim is farthest away.
+/// Adds one; when the list is full it replaces the one that is least near.
 fn keep_nearest<const M: usize>(others: &mut Vec<Other, M>, one: Other) {
     let Err(one) = others.push(one) else { return };
-    if let Some(last) = others.iter_mut().max_by(|a, b| a.rim_m.total_cmp(&b.rim_m))
-        && one.rim_m < last.rim_m
+    if let Some(last) = others.iter_mut().max_by(|a, b| a.near.total_cmp(&b.near))
+        && one.near < last.near
     {
         *last = one;
     }
@@ -482,7 +482,7 @@ mod tests {
             reach_m,
             keep_m: reach_m,
             rate_mps: 0.0,
-            rim_m,
+            near: rim_m,
         };
         let mut others: Vec<Other, STANDING_MAX> = Vec::new();
         for number in 0..2 * STANDING_MAX {
@@ -490,7 +490,7 @@ mod tests {
         }
         // A trunk whose centre is farther away than all of them.
         keep_nearest(&mut others, other(0.5, 3.0));
-        let mut kept_m: std::vec::Vec<f32> = others.iter().map(|other| other.rim_m).collect();
+        let mut kept_m: std::vec::Vec<f32> = others.iter().map(|other| other.near).collect();
         kept_m.sort_by(f32::total_cmp);
         let nearest_m: std::vec::Vec<f32> = (0..STANDING_MAX - 1).map(|number| 1.0 + 0.1 * number as f32).collect();
         assert_eq!((kept_m[0], &kept_m[1..]), (0.5, &nearest_m[..]));
