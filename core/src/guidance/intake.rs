@@ -6,7 +6,7 @@ use super::systems::Systems;
 use super::turning::Turned;
 use super::{FrontEnd, Guidance, Input, Measurement, State, near, turning};
 use crate::base::adc::AdcFrame;
-use crate::base::history::Poses;
+use crate::base::history::{FullPose, Poses};
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Circle;
 use crate::base::ownship::{Ownship, YAW_BACK_MAX_S, YAW_FORTH_MAX_S};
@@ -20,6 +20,9 @@ use crate::signal::phase::Phasors;
 
 /// The position at the time of a measurement is known from one no farther away in time than this.
 const POSITION_AGE_MAX_S: f32 = 0.3;
+/// A bearing later than this, as those of a radio with a computer of its own, has been measured where the vehicle was by then. Where it is
+/// less, the yaw rate tells the difference.
+const LATE_S: f32 = 0.05;
 
 impl<const N: usize> Guidance<N> {
     /// The phasors of a frame that guidance must not use, as when the receiver is tested; the step of such a frame
@@ -73,8 +76,8 @@ impl<const N: usize> Guidance<N> {
         }
         state.last_flags = bearing.flags;
         let walls = &state.plans.walls;
-        let ownship = state.vehicle.ownship.as_ref();
-        let bearing_ned_rad = self.localizer.observe(&mut state.belief, &bearing, ownship, walls);
+        let ownship = ownship_at(&state.vehicle, bearing.time);
+        let bearing_ned_rad = self.localizer.observe(&mut state.belief, &bearing, ownship.as_ref(), walls);
         Some((bearing, bearing_ned_rad))
     }
 
@@ -219,6 +222,18 @@ pub(super) fn pose_at(vehicle: &VehicleState, time: Instant) -> Result<Pose, Ref
     let moved = ownship.velocity_ned_mps.horizontal().times(position_s);
     let yaw_rad = yaw_at(ownship, &vehicle.poses, time);
     Ok(Pose { position_ned_m: ownship.position_ned_m.horizontal().plus(moved), yaw_rad })
+}
+
+/// The vehicle when a bearing was measured; `None` where that is not known.
+#[inline(never)]
+fn ownship_at(vehicle: &VehicleState, time: Instant) -> Option<Ownship> {
+    let ownship = vehicle.ownship?;
+    if ownship.attitude_time.seconds_since(time) <= LATE_S {
+        let is_known = pose_at(vehicle, time).is_ok();
+        return is_known.then_some(ownship);
+    }
+    let FullPose { place_ned_m: position_ned_m, roll_rad, pitch_rad, yaw_rad } = vehicle.poses.at(time)?;
+    Some(Ownship { position_ned_m, attitude_time: time, roll_rad, pitch_rad, yaw_rad, ..ownship })
 }
 
 /// The yaw between those that were heard, or beyond them by the yaw rate.
