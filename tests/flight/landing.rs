@@ -34,6 +34,20 @@ fn hands_over(row: &Row, reasons: &[&str]) {
     assert!(row.handed_over.keys().all(|reason| reasons.contains(reason)), "{row:?}");
 }
 
+/// With a range finder it arrives from high above the beacon, too.
+#[test]
+fn from_twelve_metres_above_the_beacon_it_arrives() {
+    let text = r#"{"name": "high", "start": [1, 1], "goal": [8.1, 8.1], "obstacles": [], "sensor": {"model": "scan"},
+        "bearing": {"only": true, "model": "rf", "snr_db": 20},
+        "landing": {"height": 12, "camera": null, "range_finder": true}, "max_time_s": 240}"#;
+    for seed in seeds::test(4) {
+        let report = flight::report(Scenario::parse(text).unwrap(), seed, |_| ()).unwrap();
+        let landing = report.landing.unwrap();
+        let end = (landing.stage, landing.reason, landing.beacon_distance_m < 0.5);
+        assert_eq!(end, (Stage::HandedOver, Some("arrived"), true), "{seed}: {landing:?}");
+    }
+}
+
 /// With a camera, in calm air, every flight lands on the pad.
 #[test]
 fn with_a_camera_it_comes_down_on_the_pad() {

@@ -13,8 +13,9 @@ use crate::localize::source::near::{Fix, NEAR_M};
 
 /// Share of the bearings that agree, for an arrival.
 const AGREEMENT_MIN: f32 = 0.55;
-/// Largest standard deviation of the fix for an arrival.
+/// Largest standard deviation of the fix for an arrival; and as a share of its depth, since bearings err by an angle.
 const SIGMA_MAX_M: f32 = 0.6;
+const SIGMA_SHARE: f32 = 0.1;
 /// How much larger sigma may be at a maximum of the strength.
 const MAXIMUM_SLACK: f32 = 1.5;
 /// A vehicle that moves on by this much passes by.
@@ -113,7 +114,9 @@ impl Arrival {
             (state.near_s, state.near_at_ned_m) = (0.0, here);
         }
         state.near_s += tick_s;
-        let sigma_max_m = SIGMA_MAX_M * if fix.is_loudest { MAXIMUM_SLACK } else { 1.0 };
+        let by_depth_m = SIGMA_SHARE * fix.depth_m;
+        let sigma_max_m = if by_depth_m > SIGMA_MAX_M { by_depth_m } else { SIGMA_MAX_M }
+            * if fix.is_loudest { MAXIMUM_SLACK } else { 1.0 };
         let is_known = fix.is_heard
             && fix.sigma_m < sigma_max_m
             && fix.agreement > AGREEMENT_MIN

@@ -125,13 +125,11 @@ impl Lander {
     fn approach(&self, state: &mut State, here: &Here, verdict: Verdict) -> Wish {
         let now = here.now;
         let is_there = match verdict {
-            Verdict::Arrived(fix) => {
+            Verdict::Arrived(fix) | Verdict::Known(fix) => {
+                // Only what stays unknown from now on is ambiguous.
+                state.arrival.have_patience();
                 state.goal_ned_m = fix.place_ned_m.horizontal();
-                true
-            }
-            Verdict::Known(fix) => {
-                state.goal_ned_m = fix.place_ned_m.horizontal();
-                false
+                matches!(verdict, Verdict::Arrived(_))
             }
             Verdict::Far | Verdict::Ambiguous(_) => {
                 state.arrival.have_patience();

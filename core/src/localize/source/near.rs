@@ -59,6 +59,8 @@ const DEPTH_MIN_M: f32 = 0.5;
 /// Down over length of a mean direction that is steep, and of one so steep that no second side is needed.
 const STEEP: f32 = 0.57;
 const OVERHEAD: f32 = 0.7;
+/// Sine of the elevation from which on a source is not level.
+const ABOVE: f32 = 0.17;
 /// Share of the bearings that are steep where the beacon is near.
 const STEEP_SHARE: f32 = 0.4;
 /// A fix farther away than this is dropped.
@@ -97,6 +99,8 @@ pub struct Fix {
     pub sigma_m: f32,
     /// Horizontal distance from the vehicle.
     pub distance_m: f32,
+    /// How far below the vehicle it is.
+    pub depth_m: f32,
     /// Share of the last bearings that agree with it.
     pub agreement: f32,
     /// Time with a signal since it began.
@@ -199,11 +203,12 @@ impl State {
         let axes = pose.axes();
         let [forward, right] = sight.u;
         let squared = 1.0 - forward * forward - right * right;
+        let under = sqrt(if squared > 0.0 { squared } else { 0.0 });
         let direction = if sight.is_level {
             let (sin_yaw, cos_yaw) = sin_cos(pose.yaw_rad);
             Ned { north: forward * cos_yaw - right * sin_yaw, east: forward * sin_yaw + right * cos_yaw, down: 0.0 }
         } else {
-            axes.to_ned([forward, right, sqrt(if squared > 0.0 { squared } else { 0.0 })])
+            axes.to_ned([forward, right, under])
         };
         let here = pose.place_ned_m.horizontal();
         let was_heard = self.heard.is_some();
@@ -216,7 +221,9 @@ impl State {
         mean.east += share * (direction.east - mean.east);
         mean.down += share * (direction.down - mean.down);
         self.mean_s += since_s;
-        let is_steep = if direction.down > STEEP { 1.0 } else { 0.0 };
+        // What the array hears from below its plane may come from above it. While the vehicle leans, that may be a level source.
+        let other_down = direction.down - 2.0 * under * axes.down.down;
+        let is_steep = if direction.down > STEEP && other_down < -ABOVE { 1.0 } else { 0.0 };
         self.steep += since_s / (AGREEMENT_MEMORY_S + since_s) * (is_steep - self.steep);
         let has_swung = self.mean_s > MEAN_SETTLED_S && self.swings(here);
 
@@ -383,11 +390,13 @@ impl State {
         let biased = FLOOR_RAD * FLOOR_RAD * flat * flat;
         let mean = self.mean_ned;
         let length2 = mean.horizontal().norm_squared() + mean.down * mean.down;
-        let is_overhead = mean.down > 0.0 && mean.down * mean.down > OVERHEAD * OVERHEAD * length2;
+        let is_overhead =
+            self.steep > STEEP_SHARE && mean.down > 0.0 && mean.down * mean.down > OVERHEAD * OVERHEAD * length2;
         Some(Fix {
             place_ned_m: self.place_ned_m,
             sigma_m: sqrt(middle + sqrt(half * half + ne * ne) + biased),
             distance_m,
+            depth_m,
             agreement: self.agreement,
             heard_s: self.heard_s,
             is_surrounded: is_overhead || self.has_sides,
