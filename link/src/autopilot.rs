@@ -90,6 +90,11 @@ impl Autopilot {
     pub(crate) fn obeys(&self) -> bool {
         self.in_mode && self.armed
     }
+
+    /// Whether it obeys us, or its failsafe flies, after which it may again by itself.
+    pub(crate) fn may_obey(&self) -> bool {
+        self.obeys() || self.in_failsafe
+    }
 }
 
 impl Software {

@@ -65,9 +65,9 @@ impl Companion {
         self.autopilot.is_some_and(|autopilot| autopilot.obeys())
     }
 
-    /// Whether PX4's failsafe flies, which may give control back by itself.
-    pub(super) fn in_failsafe(&self) -> bool {
-        self.autopilot.is_some_and(|autopilot| autopilot.in_failsafe)
+    /// Whether it would, or may again by itself.
+    pub(super) fn may_obey(&self) -> bool {
+        self.autopilot.is_some_and(|autopilot| autopilot.may_obey())
     }
 
     #[inline(never)]

@@ -529,13 +529,13 @@ impl Companion {
         let Some(autopilot) = self.autopilot else {
             return;
         };
-        let is_held = !matches!(cause, Cause::None | Cause::OwnshipLost);
-        if autopilot.obeys() && (matches!(cause, Cause::Unfit | Cause::LinkLost) || (is_held && self.has_ended)) {
+        let is_held = cause != Cause::None;
+        if autopilot.may_obey() && (matches!(cause, Cause::Unfit | Cause::LinkLost) || (is_held && self.has_ended)) {
             self.entry_needed = true;
         }
         match cause {
-            // A short silence ends no search.
-            Cause::LinkQuiet => {}
+            // What is missing for a moment ends no search.
+            Cause::LinkQuiet | Cause::LinkNoisy | Cause::OwnshipLost => {}
             Cause::None => {
                 let follows = |published: &Published| published.outcome.behaviour() == Behaviour::Follow;
                 self.seeking |= self.published.as_ref().is_some_and(follows);

@@ -25,6 +25,7 @@ impl Companion {
     pub fn set_parameters(&mut self, values: Values) -> Result<(), ConfigError> {
         let config = self.config.with(&values);
         config.check_together()?;
+        self.change_limits();
         self.params.replace(values);
         self.reconfigure(config);
         Ok(())
@@ -53,6 +54,9 @@ impl Companion {
     /// The application's answer to the proposal: it runs with it from now on, or it cannot.
     #[inline(never)]
     pub fn settle(&mut self, verdict: Result<(), ConfigError>) {
+        if verdict.is_ok() {
+            self.change_limits();
+        }
         self.params.settle(verdict);
         let config = self.config.with(self.params.values());
         self.reconfigure(config);
@@ -75,6 +79,11 @@ impl Companion {
     #[inline(never)]
     pub fn stored(&mut self, is_done: bool) {
         self.params.stored(is_done);
+    }
+
+    /// What holds the vehicle in the mode may be lifted by other parameters: a fresh entry is the pilot's word that it may.
+    fn change_limits(&mut self) {
+        self.entry_needed |= self.may_obey();
     }
 
     fn reconfigure(&mut self, config: Config) {

@@ -170,10 +170,10 @@ impl Companion {
         }
         // Of a heartbeat that is no autopilot's nothing follows.
         self.has_crashed &= autopilot.armed || autopilot.software == Software::Other;
-        if autopilot.obeys() {
+        // PX4 comes back to OFFBOARD by itself from a mode that its failsafe has chosen, which is no word of the pilot.
+        if autopilot.may_obey() {
             self.entry_needed |= was_lost;
-        } else if !autopilot.in_failsafe {
-            // PX4 comes back to OFFBOARD by itself from a mode that its failsafe has chosen, which is no word of the pilot.
+        } else {
             (self.entry_needed, self.has_ended, self.paused) = (false, false, false);
         }
         let changed = self.autopilot.is_none_or(|known| known.software != autopilot.software || !known.sent(header));
@@ -302,7 +302,10 @@ impl Companion {
                 dt_s,
             };
             // How the vehicle has moved meanwhile is unknown, and whether its frame has: nothing that is remembered can be relied on.
-            self.world_is_lost |= dt_s > PLACE_GAP_MAX_S;
+            if dt_s > PLACE_GAP_MAX_S {
+                self.world_is_lost = true;
+                self.entry_needed |= self.has_ended;
+            }
             // A smaller jump is followed without holding, unless many add up: then it is not the estimate that jumps.
             self.jumped_m *= 1.0 - moved.dt_s.min(JUMPS_S) / JUMPS_S;
             if let Some(jumped_m) = self.continuity.follow_place(&moved) {
@@ -542,7 +545,7 @@ impl Companion {
         } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && self.has_crashed && param1 == 1.0 {
             (self.has_crashed, self.paused) = (false, false);
             MavResult::MAV_RESULT_ACCEPTED
-        } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && !self.obeys() && !self.in_failsafe() {
+        } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && !self.may_obey() {
             // It would be forgotten when the mode is entered.
             MavResult::MAV_RESULT_TEMPORARILY_REJECTED
         } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && (param1 == 0.0 || param1 == 1.0) {

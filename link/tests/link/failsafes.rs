@@ -655,6 +655,78 @@ fn a_failsafe_of_px4_lifts_nothing() {
     }
 }
 
+/// Nor is a gap of the position, in which guidance begins anew: what it had ended is not begun again, nor what it was doing.
+#[test]
+fn what_had_ended_needs_a_fresh_entry_after_a_failsafe_of_px4_and_after_a_gap() {
+    for has_ended in [false, true] {
+        let ended = |flight: &mut Flight| {
+            if has_ended {
+                flight.bench.output.as_mut().unwrap().outcome = Outcome::HandedOver;
+                flight.run(1.0);
+            }
+        };
+        let entry = if has_ended { Cause::EntryNeeded } else { Cause::None };
+
+        let mut flight = Flight::of(PX4);
+        ended(&mut flight);
+        let in_mode = flight.bench.heartbeat.clone().unwrap();
+        let left = flight.bench.heartbeat.as_mut().unwrap();
+        (left.custom_mode, left.system_status) = (4 << 16 | 3 << 24, MavState::MAV_STATE_CRITICAL as u8);
+        flight.bench.output.as_mut().unwrap().outcome = Outcome::NotInControl;
+        flight.run(1.1);
+        flight.bench.heartbeat = Some(in_mode);
+        flight.run(1.1);
+        assert_eq!(flight.cause(), entry);
+
+        for autopilot in BOTH {
+            for silent_s in [2.1, 4.0] {
+                let mut flight = Flight::of(autopilot);
+                ended(&mut flight);
+                flight.position_is_silent = true;
+                flight.run(silent_s);
+                flight.position_is_silent = false;
+                flight.run(0.1);
+                assert!(flight.bench.companion.take_world_lost());
+                assert_eq!(flight.cause(), entry, "{silent_s}");
+            }
+        }
+    }
+}
+
+/// The link is lost while PX4's failsafe flies.
+#[test]
+fn a_link_that_was_lost_in_a_failsafe_of_px4_needs_a_fresh_entry() {
+    let mut flight = Flight::of(PX4);
+    let in_mode = flight.bench.heartbeat.clone().unwrap();
+    let mut left = in_mode.clone();
+    (left.custom_mode, left.system_status) = (4 << 16 | 3 << 24, MavState::MAV_STATE_CRITICAL as u8);
+    flight.bench.heartbeat = Some(left.clone());
+    flight.run(1.1);
+    flight.bench.heartbeat = None;
+    flight.run(6.0);
+    for heartbeat in [left, in_mode] {
+        flight.bench.heartbeat = Some(heartbeat);
+        flight.run(1.1);
+    }
+    flight.assert_zero(Cause::EntryNeeded);
+}
+
+/// The pilot has switched it off; a station changes what the switch is.
+#[test]
+fn parameters_that_are_changed_in_the_mode_need_a_fresh_entry() {
+    for autopilot in BOTH {
+        let mut flight = Flight::of(autopilot);
+        flight.bench.say(&command(193, 0.0));
+        flight.assert_zero(Cause::Paused);
+        let values = *flight.bench.companion.parameters();
+        flight.bench.companion.set_parameters(values).unwrap();
+        flight.bench.say(&command(193, 1.0));
+        flight.assert_zero(Cause::EntryNeeded);
+        flight.enter_afresh(|heartbeat| heartbeat.custom_mode = 5);
+        flight.assert_flies();
+    }
+}
+
 /// A pause that is asked for in PX4's failsafe holds when it comes back to OFFBOARD.
 #[test]
 fn a_pause_is_taken_in_a_failsafe_of_px4() {
