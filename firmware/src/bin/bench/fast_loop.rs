@@ -27,8 +27,7 @@ use crate::{N, receive, row};
 /// step.
 const CEILING: u32 = 45_000;
 const CEILING_WORST: u32 = 950_000;
-/// With everything at once it is above that; these ceilings keep it where it is, with a sensor on the nose and with one all round.
-const CEILING_EVERYTHING: u32 = 955_000;
+/// With everything at once and a sensor all round it is above that; this ceiling keeps it where it is.
 const CEILING_ALL_ROUND: u32 = 1_075_000;
 /// The obstacle sensor scans at 10 Hz, the antennas deliver frames at 50 Hz.
 const STEPS_PER_LOOK: usize = 5;
@@ -215,7 +214,7 @@ fn absurd(measure: &impl Fn(&mut dyn FnMut()) -> u32, fast_loop: &mut Loop<'_>) 
     let mut rng = Rng::new(14, 14);
     for (name, everything, view, ceiling) in [
         ("fast_loop_random_full_store", false, NOSE, CEILING_WORST),
-        ("fast_loop_everything", true, NOSE, CEILING_EVERYTHING),
+        ("fast_loop_everything", true, NOSE, CEILING_WORST),
         ("fast_loop_everything_360", true, TURN, CEILING_ALL_ROUND),
     ] {
         fast_loop.restart();
