@@ -41,7 +41,7 @@ fn from_twelve_metres_above_the_beacon_it_arrives() {
         "bearing": {"only": true, "model": "rf", "snr_db": 20},
         "landing": {"height": 12, "camera": null, "range_finder": true}, "max_time_s": 240}"#;
     for seed in seeds::test(4) {
-        let report = flight::report(Scenario::parse(text).unwrap(), seed, |_| ()).unwrap();
+        let report = foxhound_sim::study::flight::report(Scenario::parse(text).unwrap(), seed, |_| ()).unwrap();
         let landing = report.landing.unwrap();
         let end = (landing.stage, landing.reason, landing.beacon_distance_m < 0.5);
         assert_eq!(end, (Stage::HandedOver, Some("arrived"), true), "{seed}: {landing:?}");
