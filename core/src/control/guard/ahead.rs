@@ -19,8 +19,10 @@ const BESIDE_KNOWN_M: f32 = 0.05;
 /// The hull's front approaches an obstacle in directions up to this far off the direction of travel: 75 degrees. At 90 degrees it would
 /// pass it.
 const FRONT_RAD: f32 = 75.0 * core::f32::consts::PI / 180.0;
-/// The places in these directions are no farther apart than this.
+/// The places in these directions are no farther apart than this, where the hull is no larger than 0.8 m: there are so many to either side
+/// at most.
 const APART_M: f32 = 0.074;
+const PLACES_MAX: f32 = 16.0;
 
 /// The coverage of the path that a command leads along.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,7 +106,7 @@ impl Guard {
         let (nose_east, nose_north) = sin_cos(input.yaw_rad);
         let nose = Horizontal { north: nose_north, east: nose_east };
 
-        let steps = libm::ceilf(FRONT_RAD * reach_m / APART_M);
+        let steps = libm::ceilf(FRONT_RAD * reach_m / APART_M).min(PLACES_MAX);
         let step = sin_cos(FRONT_RAD / steps);
         let mut covered = PathCover::Seen;
         let mut nearest_the_nose = f32::NEG_INFINITY;
