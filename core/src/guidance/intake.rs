@@ -20,8 +20,8 @@ use crate::signal::phase::Phasors;
 
 /// The position at the time of a measurement is known from one no farther away in time than this.
 const POSITION_AGE_MAX_S: f32 = 0.3;
-/// A bearing later than this, as those of a radio with a computer of its own, has been measured where the vehicle was by then. Where it is
-/// less, the yaw rate tells the difference.
+/// A bearing later than this, as those of a radio with a computer of its own, has been measured where the vehicle was by then. For a
+/// shorter delay the yaw rate is enough.
 const LATE_S: f32 = 0.05;
 
 impl<const N: usize> Guidance<N> {
@@ -224,7 +224,7 @@ pub(super) fn pose_at(vehicle: &VehicleState, time: Instant) -> Result<Pose, Ref
     Ok(Pose { position_ned_m: ownship.position_ned_m.horizontal().plus(moved), yaw_rad })
 }
 
-/// The vehicle when a bearing was measured; `None` where that is not known.
+/// The vehicle when a bearing was measured; `None` where its place or its heading is not known.
 #[inline(never)]
 fn ownship_at(vehicle: &VehicleState, time: Instant) -> Option<Ownship> {
     let ownship = vehicle.ownship?;
@@ -270,6 +270,29 @@ mod tests {
         let newer = Ownship { attitude_time: Instant(1_200_000), ..ownship };
         assert!(pose_at(&of(Some(newer)), Instant(1_250_000)).is_ok());
         assert_eq!(pose_at(&of(None), Instant(650_000)), Err(Refusal::NoOwnship));
+    }
+
+    #[test]
+    fn a_late_bearing_belongs_to_where_the_vehicle_was_and_one_without_an_attitude_to_nowhere() {
+        // It turned to the right by 0.2 rad in 0.1 s, and then stopped.
+        let mut vehicle = of(None);
+        for step in 0..8 {
+            let time = Instant(1_000_000 + 20_000 * step);
+            let position_ned_m = Ned { north: 0.02 * step as f32, ..Ned::default() };
+            let yaw_rad = 0.04 * step.min(5) as f32;
+            let ownship =
+                Ownship { position_time: time, position_ned_m, attitude_time: time, yaw_rad, ..Ownship::default() };
+            let _ = vehicle.poses.note(&ownship);
+            vehicle.ownship = Some(ownship);
+        }
+        for (time_us, north_m, yaw_rad) in [(1_130_000, 0.14, 0.2), (1_050_000, 0.05, 0.1), (1_010_000, 0.01, 0.02)] {
+            let then = ownship_at(&vehicle, Instant(time_us)).unwrap();
+            let off = (then.position_ned_m.north - north_m).abs() + (then.yaw_at(Instant(time_us)) - yaw_rad).abs();
+            assert!(off < 1e-5, "{time_us}: {then:?}");
+        }
+        for time_us in [900_000, 1_300_000] {
+            assert_eq!(ownship_at(&vehicle, Instant(time_us)), None, "{time_us}");
+        }
     }
 
     #[test]

@@ -48,6 +48,15 @@ fn the_fix_is_where_the_bearing_points_from_any_attitude() {
     }
 }
 
+/// The array cannot tell above from below: leaning by 20 degrees towards a level beacon it hears it as if it were 40 degrees below.
+#[test]
+fn a_level_beacon_makes_no_fix_however_the_vehicle_leans() {
+    let beacon = Horizontal { north: 0.0, east: 200.0 };
+    for roll_rad in [-0.5, -0.35, 0.0, 0.35, 0.5] {
+        assert_eq!(hovering(beacon, 0.0, roll_rad, Flags::default()), None, "{roll_rad}");
+    }
+}
+
 #[test]
 fn overhead_a_bearing_without_an_azimuth_is_a_good_one_and_without_a_calibration_none_is() {
     let beacon = Horizontal { north: 0.02, east: 0.01 };

@@ -99,7 +99,7 @@ pub struct Fix {
     pub sigma_m: f32,
     /// Horizontal distance from the vehicle.
     pub distance_m: f32,
-    /// How far below the vehicle it is.
+    /// How far below the vehicle it is, 0.5 m at least.
     pub depth_m: f32,
     /// Share of the last bearings that agree with it.
     pub agreement: f32,
