@@ -110,11 +110,15 @@ impl Continuity {
     pub(crate) fn follow_place(&mut self, moved: &Displacement) -> Option<f32> {
         let Displacement { from_m, to_m, from_mps, to_mps, dt_s } = *moved;
         let is_new = core::mem::take(&mut self.place_is_new);
-        if dt_s > PLACE_GAP_MAX_S && !is_new {
+        let is_gap = dt_s > PLACE_GAP_MAX_S;
+        if is_gap {
+            (self.stood_s, self.led_m) = (0.0, Ned::default());
+        }
+        if is_gap && !is_new {
             return None;
         }
         // Over a gap before a new beginning the motion is unknown, so it is not extrapolated.
-        let dt_s = if dt_s > PLACE_GAP_MAX_S { 0.0 } else { dt_s };
+        let dt_s = if is_gap { 0.0 } else { dt_s };
         let (stood_s, led_m) = (core::mem::take(&mut self.stood_s), core::mem::take(&mut self.led_m));
         let led_m = Ned {
             north: led_m.north + 0.5 * (from_mps.north + to_mps.north) * dt_s,

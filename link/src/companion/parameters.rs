@@ -81,7 +81,7 @@ impl Companion {
         self.params.stored(is_done);
     }
 
-    /// What holds the vehicle in the mode may be lifted by other parameters: a fresh entry is the pilot's word that it may.
+    /// What holds the vehicle in the mode may be lifted by other parameters: only a fresh entry shows that the pilot wants that.
     fn change_limits(&mut self) {
         self.entry_needed |= self.may_obey();
     }

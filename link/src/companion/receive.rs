@@ -303,7 +303,7 @@ impl Companion {
             };
             // How the vehicle has moved meanwhile is unknown, and whether its frame has: nothing that is remembered can be relied on.
             if dt_s > PLACE_GAP_MAX_S {
-                self.world_is_lost = true;
+                (self.world_is_lost, self.seeking) = (true, false);
                 self.entry_needed |= self.has_ended;
             }
             // A smaller jump is followed without holding, unless many add up: then it is not the estimate that jumps.
