@@ -143,11 +143,9 @@ pub(crate) fn path_flags(root: &Path) -> Result<Vec<String>, Failure> {
     if let Some(folder) = std::env::var_os("CARGO_TARGET_DIR") {
         places.push((workspace().join(folder), "./target".to_owned()));
     }
-    // A folder for each registry, named by cargo's version; this program has dependencies of its own, so it is there.
-    let registries = cargo_home().join("registry").join("src");
-    let folders =
-        std::fs::read_dir(&registries).map_err(|error| Failure(format!("{}: {error}", registries.display())))?;
-    places.extend(folders.flatten().map(|folder| (folder.path(), "crates".to_owned())));
+    // A folder for each registry, named by cargo's version; none where the crates come from elsewhere.
+    let registries = std::fs::read_dir(cargo_home().join("registry").join("src"));
+    places.extend(registries.into_iter().flatten().flatten().map(|folder| (folder.path(), "crates".to_owned())));
     places.push((sysroot()?.join("lib/rustlib/src/rust"), format!("/rustc/{}", of_compiler("commit-hash")?)));
     Ok(places.iter().map(|(from, to)| format!("--remap-path-prefix={}={to}", from.display())).collect())
 }
