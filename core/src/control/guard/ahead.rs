@@ -16,13 +16,29 @@ const SHORT_M: f32 = 0.06;
 
 /// Only this much of the margin around a known obstacle counts as known.
 const BESIDE_KNOWN_M: f32 = 0.05;
-/// The hull's front approaches an obstacle in directions up to this far off the direction of travel: 75 degrees. At 90 degrees it would
-/// pass it.
-const FRONT_RAD: f32 = 75.0 * core::f32::consts::PI / 180.0;
-/// The places in these directions are no farther apart than this, where the hull is no larger than 0.8 m: there are so many to either side
-/// at most.
-const APART_M: f32 = 0.074;
-const PLACES_MAX: f32 = 16.0;
+/// Cosine and sine of the directions, off the direction of travel to either side, in which the hull's front approaches an obstacle: up to
+/// 75 degrees. At 90 degrees it would pass it. Small hulls need every fourth of them, or every second.
+const FRONT: [(f32, f32); 17] = [
+    (1.0, 0.0),
+    (0.996_655, 0.081_721),
+    (0.986_643, 0.162_895),
+    (0.970_031, 0.242_980),
+    (0.946_930, 0.321_439),
+    (0.917_494, 0.397_748),
+    (0.881_921, 0.471_397),
+    (0.840_448, 0.541_892),
+    (0.793_353, 0.608_761),
+    (0.740_951, 0.671_559),
+    (0.683_592, 0.729_864),
+    (0.621_661, 0.783_287),
+    (0.555_570, 0.831_470),
+    (0.485_763, 0.874_090),
+    (0.412_707, 0.910_864),
+    (0.336_890, 0.941_544),
+    (0.258_819, 0.965_926),
+];
+/// Up to this reach places in every fourth direction are 7.4 cm apart at most, about as far as their coverage is valid.
+const SMALL_M: f32 = 0.226;
 
 /// The coverage of the path that a command leads along.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,19 +122,18 @@ impl Guard {
         let (nose_east, nose_north) = sin_cos(input.yaw_rad);
         let nose = Horizontal { north: nose_north, east: nose_east };
 
-        let steps = libm::ceilf(FRONT_RAD * reach_m / APART_M).min(PLACES_MAX);
-        let step = sin_cos(FRONT_RAD / steps);
+        let stride = if reach_m < SMALL_M {
+            4
+        } else if reach_m < 2.0 * SMALL_M {
+            2
+        } else {
+            1
+        };
         let mut covered = PathCover::Seen;
         let mut nearest_the_nose = f32::NEG_INFINITY;
         for station in [middle, ahead].into_iter().skip(usize::from(is_short)) {
-            // From straight ahead to both sides in turns.
-            let (mut sine, mut cosine) = (0.0, 1.0);
-            for number in 0..=2 * steps as i32 {
-                let is_right = number % 2 == 1;
-                if is_right {
-                    (sine, cosine) = (sine * step.1 + cosine * step.0, cosine * step.1 - sine * step.0);
-                }
-                let aside_m = if is_right { reach_m * sine } else { -reach_m * sine };
+            for (number, (cosine, sine)) in FRONT.iter().step_by(stride).flat_map(|at| [(0, at), (1, at)]).skip(1) {
+                let aside_m = reach_m * if number == 0 { *sine } else { -*sine };
                 let place = station.plus(along.times(reach_m * cosine)).plus(right.times(aside_m));
                 if self.surveyor.is_at_home(coverage, place, radius_m) {
                     continue;
