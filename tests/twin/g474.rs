@@ -10,7 +10,8 @@ use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::Estimator;
-use foxhound_core::guidance::{FrontEnd, param};
+use foxhound_core::guidance::FrontEnd;
+use foxhound_core::guidance::param::{self, Values};
 use foxhound_core::planning::planner;
 use foxhound_link::dialect::{ATTITUDE_DATA, MavMessage};
 use foxhound_link::framer::{Framer, Header};
@@ -176,7 +177,7 @@ fn it_flies_by_a_lidar_and_by_a_radio_on_the_sensors_line() {
     for name in ["scenarios/lidar.json", "computer/uudf.json"] {
         let mut mission = mission(name);
         let config = mission.guidance();
-        let needs = Needs::of(&mut mission, &config).unwrap();
+        let needs = Needs::of(&mut mission, &config, &Values::of(&config)).unwrap();
         let mut computer = G474Computer::start(Path::new(&g474_image()), Options::default(), &needs).unwrap();
         let report = flight::fly(&mission, &mut computer, None, |_| ()).unwrap().report;
         assert_eq!((report.result, report.collisions), (Ending::Reached, Some(0)), "{report:?}");
@@ -194,7 +195,7 @@ fn it_flies_by_a_lidar_and_by_a_radio_on_the_sensors_line() {
 fn an_image_that_reads_iq_reports_flies_by_them() {
     let mut mission = mission("computer/hci.json");
     let config = mission.guidance();
-    let needs = Needs::of(&mut mission, &config).unwrap();
+    let needs = Needs::of(&mut mission, &config, &Values::of(&config)).unwrap();
     let mut computer = G474Computer::start(Path::new(&g474_iq_image()), Options::default(), &needs).unwrap();
     let stop = AtomicBool::new(false);
     let watch = |moment: &flight::Moment<'_>| stop.store(moment.sample.time_s > 4.0, Ordering::Relaxed);

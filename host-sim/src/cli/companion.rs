@@ -17,6 +17,7 @@ use foxhound_sim::drive::companion::{self, Config, Ends, Eyes, News, Provider};
 use foxhound_sim::drive::computer::{Computer, HostComputer};
 use foxhound_sim::drive::qemu::QemuComputer;
 use foxhound_sim::scenario::input::{DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, read_text};
+use foxhound_sim::scenario::params::Given;
 use indicatif::{ProgressBar, ProgressDrawTarget};
 
 use super::fly::{Via, estimator_parser, exit_code, look, numbers, planner_parser, word};
@@ -194,12 +195,18 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         None => HostComputer::new(&config.guidance())?,
     };
     let guidance = *host.config();
-    let config = Config { ends: Ends::of(&guidance), ..config };
-    let mut records = args.records.begin(&config.mission(), &guidance)?;
+    let drone_radius_m = args.params.as_ref().map_or(config.drone_radius_m, |_| guidance.vehicle.radius_m.into());
+    let config = Config { ends: Ends::of(&guidance), drone_radius_m, ..config };
+    let mut records = args.records.begin(&config.mission(), &guidance, host.parameters())?;
     let mut qemu = match &args.via {
         Via::Host => None,
         // A real autopilot says more than QEMU takes from its serial line in real time.
         Via::Qemu(elf) => {
+            if let Some(path) = &args.params {
+                let mut given = Given::default();
+                given.read(path)?;
+                given.refuse_of_link()?;
+            }
             Some(QemuComputer::start_quick(elf, &Setup { guidance, needs_entry: false }).map_err(refused)?)
         }
         Via::G474(_) => {

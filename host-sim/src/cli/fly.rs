@@ -200,12 +200,15 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         given.read(path)?;
         given.check_link().map_err(|error| error.in_file(path))?;
         given.apply(&mut config);
+        given.describe(&mut mission.scenario);
     }
+    let values = *given.beside(&config).values();
     // Checked here for every computer, so that a refused field is named the same way.
-    let host = HostComputer::new(&config).map_err(|error| given.beside(&config).named(error))?;
+    let host = HostComputer::with_values(&config, values).map_err(|error| given.beside(&config).named(error))?;
     let mut computer: Box<dyn Computer> = match &args.via {
         Via::Host => Box::new(host),
         Via::Qemu(elf) => {
+            given.refuse_of_link()?;
             let qemu = QemuComputer::start(elf, &Setup { guidance: config, needs_entry: false });
             let qemu = qemu.map_err(|error| InputError::new(format!("--via: {error}")))?;
             if args.records.look_inside() { Box::new(Beside::new(qemu, host)) } else { Box::new(qemu) }
@@ -214,14 +217,14 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
             if mission.scenario.sensor.model == SensorModel::Circles {
                 cli.note("the sensor's circles are sent to the board as scans");
             }
-            let needs = Needs::of(&mut mission, &config)?;
+            let needs = Needs::of(&mut mission, &config, &values)?;
             let options = g474::Options { seed: mission.seed, ..g474::Options::default() };
             let board = G474Computer::start(elf, options, &needs);
             Box::new(board.map_err(|error| InputError::new(format!("--via: {error}")))?)
         }
     };
     // The board's flight may have another sensor than the scenario asks for.
-    let mut records = args.records.begin(&mission, &config)?;
+    let mut records = args.records.begin(&mission, &config, &values)?;
     if args.flight_log.is_some() {
         computer.log_flight();
     }

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use foxhound_core::guidance;
+use foxhound_core::guidance::param::Values;
 use foxhound_sim::autopilot::tlog;
 use foxhound_sim::drive::flight::{Mission, Moment, Report};
 use foxhound_sim::record::mcap;
@@ -51,15 +52,20 @@ impl RecordArgs {
     ///
     /// # Errors
     /// A file cannot be written, or the page cannot be served.
-    pub(super) fn begin(&self, mission: &Mission, config: &guidance::Config) -> Result<Records, InputError> {
+    pub(super) fn begin(
+        &self,
+        mission: &Mission,
+        config: &guidance::Config,
+        values: &Values,
+    ) -> Result<Records, InputError> {
         let live = if self.live.live { Some(Live::open(self.live.port.unwrap_or(PORT))?) } else { None };
         if let Some(live) = &live {
             warn(&format!("live: {}", live.address()));
         }
         let report = self.report.clone().map(|path| (path, Kept::default()));
         let is_read = live.is_some() || report.is_some();
-        let recorder = is_read.then(|| Recorder::new(mission, config, command_line()));
-        let mcap = |path: &PathBuf| mcap::Log::create(path, mission, config, command_line());
+        let recorder = is_read.then(|| Recorder::new(mission, config, values, command_line()));
+        let mcap = |path: &PathBuf| mcap::Log::create(path, mission, config, values, command_line());
         let mcap = match &self.mcap {
             Some(path) => Some((mcap(path)?, path.clone())),
             None => None,

@@ -171,7 +171,11 @@ impl Config {
                 check(&format!("--pad: {axis}"), pad[at], beacon - PAD_MAX_M, beacon + PAD_MAX_M)?;
             }
         }
-        self.scenario().checked()?;
+        // Everything else in it is as built.
+        self.scenario().checked().map_err(|error| {
+            let hint = "FH_RADIUS, FH_OBS_FOV and FH_OBS_RANGE in --params tell a larger vehicle and its sensor";
+            InputError::new(format!("--drone-radius = {}: {error}; {hint}", self.drone_radius_m))
+        })?;
         Ok(self)
     }
 

@@ -160,11 +160,19 @@ impl HostComputer {
     /// # Errors
     /// The field of the configuration that is refused.
     pub fn new(config: &guidance::Config) -> Result<Self, ConfigError> {
+        Self::with_values(config, Values::of(config))
+    }
+
+    /// The same, whose link has other parameters than the defaults.
+    ///
+    /// # Errors
+    /// The field that is refused.
+    pub fn with_values(config: &guidance::Config, values: Values) -> Result<Self, ConfigError> {
         let guidance = AllSystems::guidance(config)?;
         let mut reports = Reports::new();
         Ok(Self {
             config: *config,
-            companion: companion::Config::default().build_with(Values::of(config))?,
+            companion: companion::Config::default().build_with(values)?,
             state: guidance.start(),
             systems: AllSystems::build(config)?,
             workspace: Workspace::default(),
@@ -196,6 +204,12 @@ impl HostComputer {
     #[must_use]
     pub const fn config(&self) -> &guidance::Config {
         &self.config
+    }
+
+    /// The parameters in use, with those of the link.
+    #[must_use]
+    pub const fn parameters(&self) -> &Values {
+        self.companion.parameters()
     }
 
     /// The state of guidance: its map, tracks and belief.

@@ -360,7 +360,10 @@ fn autopilot_at_start(software: Software, needs_entry: bool) -> Autopilot {
         Software::ArduCopter if !needs_entry => Start::InControl,
         _ => Start::Hovering,
     };
-    Autopilot::new(software, start)
+    let mut autopilot = Autopilot::new(software, start);
+    // The pilot has all switches on (FH_RC_CH).
+    autopilot.faults.rc_us = [1900; 18];
+    autopilot
 }
 
 fn pose_at_start(scenario: &Scenario, world: &World, start: Horizontal) -> Pose {

@@ -6,11 +6,11 @@ use std::path::Path;
 
 use foxhound_core::ConfigError;
 use foxhound_core::guidance;
-use foxhound_core::guidance::param::{self, Id, Kind, Param, TABLE, Values};
+use foxhound_core::guidance::param::{self, Field, Id, Kind, Param, TABLE, Values};
 use foxhound_link::companion;
 
 use super::input::{InputError, read_text};
-use super::output;
+use super::{Scenario, output};
 
 /// Samples in a frame; they limit how narrow a tone's band can be.
 const SAMPLES: usize = 256;
@@ -120,6 +120,33 @@ impl Given {
         Self { values, ids: self.ids.clone() }
     }
 
+    /// Refuses parameters of the link, for a computer that is given a configuration of guidance only.
+    ///
+    /// # Errors
+    /// The first of them.
+    pub fn refuse_of_link(&self) -> Result<(), InputError> {
+        let is_of_link = |id: &&Id| TABLE.get(id.index()).is_some_and(|row| matches!(row.field, Field::Link));
+        self.ids.iter().find(is_of_link).map_or(Ok(()), |id| {
+            let why = "is a parameter of the link, which the image in QEMU has as built";
+            Err(InputError::new(format!("--params: {} {why}", id.name())))
+        })
+    }
+
+    /// Writes what the given parameters say of the vehicle and its obstacle sensor into the simulated ones.
+    pub fn describe(&self, scenario: &mut Scenario) {
+        let Scenario { drone_radius, sensor, .. } = scenario;
+        for (name, field) in [
+            ("FH_RADIUS", drone_radius),
+            ("FH_OBS_RANGE", &mut sensor.range_m),
+            ("FH_OBS_FOV", &mut sensor.fov_deg),
+            ("FH_OBS_TURN", &mut sensor.turn_s),
+        ] {
+            if let Some(id) = self.ids.iter().find(|id| id.name() == name) {
+                *field = self.values.get(*id).into();
+            }
+        }
+    }
+
     /// Writes only the given parameters over other values.
     pub fn overrule(&self, values: &mut Values) {
         for id in &self.ids {
@@ -215,7 +242,8 @@ of them. This page is what `foxhound params --markdown` prints.
 A parameter is a float of 32 bits (`REAL32`). A value outside its range, one that is not whole where it must be, one that
 does not fit the others, and any while the vehicle seeks is refused: the station hears the old value and a text that says
 why. A value that is accepted holds at once. `MAV_CMD_PREFLIGHT_STORAGE` to component 191 stores what holds (`param1` 1), goes back
-to what is stored (0) or to the defaults (2).
+to what is stored (0), or erases everything that is stored, the calibration and the signing key too (2), after which the defaults hold:
+the [factory reset](maintenance.md).
 
 | name | default | unit | range | what it does |
 | --- | ---: | --- | --- | --- |
@@ -226,4 +254,22 @@ to what is stored (0) or to the defaults (2).
         let _ = writeln!(page, "| `{}` | {} | {} | {} | {} |", row.name, row.default, row.unit, range(row), row.doc);
     }
     page
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_simulated_vehicle_is_the_one_that_the_given_parameters_describe() {
+        let mut given = Given::default();
+        given.parse("FH_RADIUS = 0.25\nFH_OBS_FOV = 180").unwrap();
+        let mut scenario = Scenario { drone_radius: 0.2, ..Scenario::default() };
+        let range_m = scenario.sensor.range_m;
+        given.describe(&mut scenario);
+        assert_eq!((scenario.drone_radius, scenario.sensor.fov_deg, scenario.sensor.range_m), (0.25, 180.0, range_m));
+        assert!(given.refuse_of_link().is_ok());
+        given.set("FH_RC_CH", 7.0).unwrap();
+        assert!(given.refuse_of_link().unwrap_err().to_string().contains("FH_RC_CH"));
+    }
 }

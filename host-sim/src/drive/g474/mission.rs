@@ -13,12 +13,12 @@ pub struct Needs(Vec<(Id, f32)>);
 
 impl Needs {
     /// The parameters to be set over MAVLink before take-off for this mission, whose configuration may have been
-    /// overridden. A sensor of circles is replaced by one of scans, which are sent as `OBSTACLE_DISTANCE`; a lidar is
+    /// overridden, with these parameters. A sensor of circles is replaced by one of scans, which are sent as `OBSTACLE_DISTANCE`; a lidar is
     /// kept.
     ///
     /// # Errors
     /// The key of a setting without a parameter.
-    pub fn of(mission: &mut Mission, config: &guidance::Config) -> Result<Self, InputError> {
+    pub fn of(mission: &mut Mission, config: &guidance::Config, values: &Values) -> Result<Self, InputError> {
         if mission.scenario.sensor.model == SensorModel::Circles {
             mission.scenario.sensor.model = SensorModel::Scan;
         }
@@ -36,8 +36,7 @@ impl Needs {
         if scenario.faults.clock_back_s.is_some() {
             return refuse("faults.clock_back_s", "the board keeps its own time");
         }
-        let values = Values::of(config);
-        let reached = reached_with(values, config);
+        let reached = reached_with(*values, config);
         match first_difference(config, &reached) {
             Some(key) => refuse(key, "no parameter of the image sets this"),
             None => Ok(Self(
@@ -98,7 +97,7 @@ mod tests {
 
     fn needs(mission: &mut Mission) -> Result<Needs, String> {
         let config = mission.guidance();
-        Needs::of(mission, &config).map_err(|error| error.to_string())
+        Needs::of(mission, &config, &Values::of(&config)).map_err(|error| error.to_string())
     }
 
     #[test]

@@ -5,6 +5,7 @@ use std::path::Path;
 use foxhound_computer::twin::Setup;
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::guidance::FrontEnd;
+use foxhound_core::guidance::param::Values;
 use foxhound_core::planning::planner;
 use serde_json::Value;
 
@@ -37,7 +38,7 @@ pub fn fly(elf: &Path, twin: Option<&Path>, seed: u64) -> Result<Trial, String> 
     let (planner, estimator) = (planner::Config::default(), Estimator::default());
     let mut mission = Mission { scenario: Scenario::built_in(), seed, planner, estimator };
     let config = mission.guidance();
-    let needs = Needs::of(&mut mission, &config).map_err(|error| error.to_string())?;
+    let needs = Needs::of(&mut mission, &config, &Values::of(&config)).map_err(|error| error.to_string())?;
     let options = Options { seed, ..Options::default() };
     let mut computer = G474Computer::start(elf, options, &needs).map_err(|error| error.to_string())?;
     computer.keep_heard();

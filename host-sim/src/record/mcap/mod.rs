@@ -18,6 +18,7 @@ use ::mcap::records::MessageHeader;
 use ::mcap::write::Metadata;
 use ::mcap::{Attachment, McapError, WriteOptions, Writer};
 use foxhound_core::guidance;
+use foxhound_core::guidance::param::Values;
 use serde_json::{Value, json};
 
 use crate::drive::flight::{Ending, Mission, Moment, Report};
@@ -82,7 +83,7 @@ pub struct Log {
 }
 
 impl Log {
-    /// Begins a file; `command` is the command that repeats the flight.
+    /// Begins a file: the parameters, and the command that repeats the flight.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -90,11 +91,12 @@ impl Log {
         path: &Path,
         mission: &Mission,
         config: &guidance::Config,
+        values: &Values,
         command: String,
     ) -> Result<Self, InputError> {
         let mut log = Self {
             file: Mcap::create(path)?,
-            recorder: Recorder::new(mission, config, command),
+            recorder: Recorder::new(mission, config, values, command),
             outcome: "",
             pillars: None,
             way: Way::default(),

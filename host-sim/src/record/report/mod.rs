@@ -118,6 +118,7 @@ mod tests {
     use super::*;
     use crate::drive::flight::Mission;
     use crate::scenario::Scenario;
+    use foxhound_core::guidance::param::Values;
 
     #[test]
     fn what_a_scenario_is_called_cannot_end_the_script_that_it_stands_in() {
@@ -129,7 +130,8 @@ mod tests {
             planner: foxhound_core::planning::planner::Config::default(),
             estimator: foxhound_core::doa::bearing::Estimator::default(),
         };
-        let mut recorder = Recorder::new(&mission, &mission.guidance(), name.to_owned());
+        let mut recorder =
+            Recorder::new(&mission, &mission.guidance(), &Values::of(&mission.guidance()), name.to_owned());
         let page = page(&recorder.take()).unwrap();
         assert_eq!(page.matches("</script>").count(), HTML.matches("</script>").count());
         assert_eq!((page.matches("alert(1)").count(), page.matches(STYLE).count()), (0, 1));

@@ -57,9 +57,9 @@ pub struct Recorder {
 type Drawn = Option<([field::Gains; SAMPLES], [Trajectory; SAMPLES])>;
 
 impl Recorder {
-    /// Begins with the header; `command` is the command that repeats the flight.
+    /// Begins with the header: the parameters, and the command that repeats the flight.
     #[must_use]
-    pub fn new(mission: &Mission, config: &guidance::Config, command: String) -> Self {
+    pub fn new(mission: &Mission, config: &guidance::Config, values: &Values, command: String) -> Self {
         let planner = config.planner;
         let empty = Workspace::new();
         let mut recorder = Self {
@@ -76,7 +76,7 @@ impl Recorder {
             tracks: Vec::new(),
             records: Vec::new(),
         };
-        recorder.records.push(Record::Begin(Box::new(begin(mission, config, command))));
+        recorder.records.push(Record::Begin(Box::new(begin(mission, config, values, command))));
         recorder
     }
 
@@ -147,9 +147,8 @@ impl Recorder {
     }
 }
 
-fn begin(mission: &Mission, config: &guidance::Config, command: String) -> Begin {
+fn begin(mission: &Mission, config: &guidance::Config, values: &Values, command: String) -> Begin {
     let is_it = |name: &&str| apf::named(name) == Some(mission.planner);
-    let values = Values::of(config);
     let number = |value: f32| finite(value).map_or(Value::Null, Value::from);
     let parameters = TABLE.iter().zip(Id::all()).map(|(row, id)| Parameter {
         name: row.name,
