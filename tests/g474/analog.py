@@ -25,6 +25,7 @@ class Adc(Block):
         self.converted = 0
         # Faults that a test asks for.
         self.overruns_at = None
+        self.misses_at = None
         self.calibrates = True
 
     @property
@@ -114,6 +115,9 @@ class Adc(Block):
 
     def take(self, triggers):
         """So many conversions have been triggered; their results go by DMA."""
+        if self.misses_at is not None and self.core.now() >= self.misses_at:
+            self.misses_at = None
+            triggers -= 1
         if self.overruns_at is not None and self.core.now() >= self.overruns_at:
             self.overruns_at = None
             self.value["ISR"] |= self.mask("ISR", "OVR")
@@ -161,6 +165,12 @@ class Sampler(Block):
 
     def converters(self):
         return [self.machine.blocks[f"ADC{n}"] for n in (1, 2, 3, 4)]
+
+    def is_in_step(self):
+        """Whether all of them have filled as much of their rings."""
+        self.sync()
+        channels = [converter.channel() for converter in self.converters()]
+        return None not in channels and len({channel.remaining for channel in channels}) == 1
 
     def period(self):
         return ((self.value["ARR"] & 0xFFFF) + 1) * (self.value["PSC"] + 1) * (UNITS_PER_S // self.machine.rcc.timer_hz("PPRE1"))

@@ -79,7 +79,7 @@ class Session:
             return None
         period = machine.sampler.period()
         frame = BLOCKS_PER_FRAME * SAMPLES * period
-        first = machine.sampling_at + frame - period
+        first = machine.sampling_at + frame
         # A run ends within an instruction or an exception of where it should.
         due = self.core.time + AHEAD_BLOCKS * SAMPLES * period - period
         return first + max(0, -(-(due - first) // frame)) * frame
@@ -131,6 +131,8 @@ class Session:
         machine, kind, us = self.machine, line["kind"], line.get("after_us", 0)
         if kind == "adc-overrun":
             machine.blocks[f"ADC{line['channel'] + 1}"].overruns_at = self.core.time + us * US
+        elif kind == "adc-miss":
+            machine.blocks[f"ADC{line['channel'] + 1}"].misses_at = self.core.time + us * US
         elif kind in (NOISE, BREAK):
             machine.usart.feed(bytes(line.get("bytes", 1)), error=kind, after=us * US)
         elif kind == "flash-cut":
@@ -162,6 +164,7 @@ class Session:
             "now_us": core.time / US,
             "frame_us": (frame if frame is not None else core.time + PERIOD_UNITS) / US,
             "is_sampling": frame is not None,
+            "is_in_step": machine.sampler.is_in_step(),
             "origin_us": machine.blocks["TIM15"].from_time / US,
             "tx": machine.usart.take_sent().hex(),
             "log": machine.lpuart.take_sent().hex(),

@@ -370,6 +370,21 @@ fn after_an_overrun_of_a_converter_frames_come_again() {
     assert!(!bench.has_said("does not"), "{:?}", bench.texts);
 }
 
+/// A converter that has missed a trigger would be a sample behind the others from then on: all are started anew.
+#[test]
+#[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]
+fn a_converter_that_misses_a_trigger_does_not_stay_behind() {
+    let mut bench = Bench::start(Options { seed: 4, ..Options::default() });
+    bench.seconds(1.0);
+    for channel in 0..4 {
+        bench.fault(&json!({ "kind": "adc-miss", "channel": channel, "after_us": 3_000 }));
+        bench.seconds(0.5);
+        assert!(bench.report.is_sampling && bench.report.is_in_step, "ADC{} is out of step", channel + 1);
+    }
+    assert_eq!(bench.causes(), [""; 0]);
+    bench.assert_beats(2.0);
+}
+
 /// Noise and breaks on the line lose only the bytes that they hit.
 #[test]
 #[ignore = "needs the image, and Python with Unicorn: cargo xtask test"]

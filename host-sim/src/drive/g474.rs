@@ -117,6 +117,8 @@ pub struct Report {
     pub frame_us: f64,
     /// Whether its converters run.
     pub is_sampling: bool,
+    /// All converters have filled as much of their rings.
+    pub is_in_step: bool,
     /// When the firmware's own time began.
     pub origin_us: f64,
     /// Bytes sent on USART1.

@@ -35,7 +35,8 @@
 //!   stops DMA; no block comes then, which also leads to a new start.
 //! - **Waits.** The hardware gets 1 ms for each wait, fifty times the longest. A part that is not ready in that time
 //!   is taken to be broken: from then on there are no frames, and the pilot is informed ([`Trouble`]).
-//! - **A converter that stops silently** leaves old samples in its ring; they are detected because they repeat
+//! - **Out of step.** A converter that has missed a trigger, or stops silently, fills less of its ring than the others. This is
+//!   looked at with every block, and everything is started anew. Samples that repeat, for another reason, are detected too
 //!   ([`foxhound_computer::frozen`]).
 
 use core::sync::atomic::{AtomicU16, AtomicU32, Ordering, compiler_fence};
@@ -268,8 +269,8 @@ impl Acquisition {
         }
     }
 
-    /// Points the DMA channels at the rings' beginnings, starts the converters, then the timer: the first trigger finds
-    /// all four waiting.
+    /// Points the DMA channels at the rings' beginnings, starts the converters, then the timer: the first trigger comes
+    /// a period later and finds all four waiting.
     fn arm(&self) {
         if self.trouble.is_some() || self.sampling.is_none() {
             return;
@@ -296,11 +297,12 @@ impl Acquisition {
                 w.set_en(true);
             });
         }
+        // Loads the prescaler, and is a trigger: before the converters wait for one, since the last of them might miss it.
+        TIM6.egr().write(|w| w.set_ug(true));
         for Channel { converter, .. } in &CHANNEL {
             converter.cfgr().modify(|w| w.set_dmaen(Dmaen::ENABLE));
             converter.cr().modify(|w| w.set_adstart(true));
         }
-        TIM6.egr().write(|w| w.set_ug(true));
         TIM6.cr1().modify(|w| w.set_cen(true));
     }
 
@@ -312,7 +314,7 @@ impl Acquisition {
     /// Copies a block into a frame. False if it came too late or a result was lost: the frame must not be used then,
     /// and after a loss everything has been started anew.
     pub fn take(&mut self, block: Block, snapshot: &mut AdcFrame<N>) -> bool {
-        if CHANNEL.iter().any(|channel| channel.converter.isr().read().ovr()) {
+        if CHANNEL.iter().any(|channel| channel.converter.isr().read().ovr()) || !is_in_step() {
             self.restart();
             return false;
         }
@@ -349,6 +351,20 @@ impl Acquisition {
     pub fn restarts(&self) -> u32 {
         self.restarts
     }
+}
+
+/// Whether the four rings are equally full: a converter that has missed a trigger, or has stopped, stays behind the others.
+#[inline(never)]
+fn is_in_step() -> bool {
+    // Their results are fetched one after the other, within a microsecond of ten.
+    (0..3).any(|_| {
+        let [one, two, three, four] = core::array::from_fn(|channel| DMA2.ch(channel).ndtr().read().0);
+        let is_equal = (one ^ four) | (two ^ four) | (three ^ four) == 0;
+        if !is_equal {
+            cortex_m::asm::delay(CLOCK_MHZ * 2);
+        }
+        is_equal
+    })
 }
 
 /// A half of the last ring is full; those of the other channels have been since some hundred nanoseconds.
