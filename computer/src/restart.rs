@@ -153,11 +153,11 @@ impl Restart {
         self.record.is_some() || !matches!(self.cause, Cause::Power | Cause::Pin)
     }
 
-    /// Whether the program was ended by a fault of its own, or by its supply.
+    /// Whether the last run may have ended in flight: always, unless it was asked to. After a supply that failed for so long that
+    /// the memory has forgotten, and after a pulse on the reset line, a start looks like any other.
     #[must_use]
     pub fn is_crash(&self) -> bool {
-        matches!(self.cause, Cause::Watchdog | Cause::BrownOut)
-            || self.record.is_some_and(|record| record.end != End::Wanted)
+        self.record.is_none_or(|record| record.end != End::Wanted)
     }
 
     /// The text for the pilot: at most 50 bytes, as in a `STATUSTEXT`; the rest is cut off. The number of the start
@@ -251,6 +251,18 @@ mod tests {
         let restart = Restart { cause: Cause::Software, record: Some(record) };
         assert!(restart.words(u32::MAX).len() <= 50);
         assert!(restart.words(0).starts_with("Foxhound: restart: panic "));
+    }
+
+    #[test]
+    fn only_a_start_that_was_asked_for_may_not_have_been_in_flight() {
+        for cause in [Cause::Power, Cause::BrownOut, Cause::Pin, Cause::Software, Cause::Watchdog, Cause::Other] {
+            assert!(Restart { cause, record: None }.is_crash(), "{cause:?}");
+            for (end, is_crash) in [(End::Panic, true), (End::Fault, true), (End::Watchdog, true), (End::Wanted, false)]
+            {
+                let record = Some(Record::new(end, 0, 0, 0, b""));
+                assert_eq!(Restart { cause, record }.is_crash(), is_crash, "{cause:?}, {end:?}");
+            }
+        }
     }
 
     #[test]
