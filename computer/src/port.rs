@@ -90,8 +90,8 @@ impl Refusal {
         match self {
             Self::TooLong => "error: the line is too long",
             Self::NotText => "error: the line is not ASCII",
-            Self::Unknown => "error: no such command; `help` lists the commands",
-            Self::Surplus => "error: invalid argument; `help` lists the commands",
+            Self::Unknown => "error: no such command; see `help`",
+            Self::Surplus => "error: invalid argument; see `help`",
             Self::Frames => "error: expected a number of frames, 1 to 10000",
         }
     }

@@ -98,7 +98,11 @@ fn the_firmware_answers_at_its_maintenance_port() {
         assert_eq!(counted, runs, "{status}");
     }
     assert!(ask("help").1.contains("factory-reset yes"));
-    assert!(ask("fly away").1.contains("error: no such command"));
+    let (code, said) = ask("fly away");
+    assert!(code == Some(1) && said.contains("error: no such command"), "{said}");
+    // It waits for the result, which without frames is none.
+    let (code, said) = ask("selftest");
+    assert!(code == Some(1) && said.contains("listens") && said.contains("Foxhound: self-test: "), "{said}");
     assert!(ask("factory-reset").1.contains("`factory-reset yes`"));
     assert!(ask(&"status ".repeat(20)).1.contains("error: the line is too long"));
     assert!(ask("watchdog").1.contains("`watchdog yes`"));

@@ -297,7 +297,7 @@ fn carry_out<F: NorFlash>(
             log.text("the samples follow");
             log.dump(frames);
         }
-        Command::Watchdog { is_sure: false } => log.text("lets the watchdog restart the computer: type `watchdog yes`"),
+        Command::Watchdog { is_sure: false } => log.text("restarts by the watchdog: type `watchdog yes`"),
         Command::Watchdog { is_sure: true } => log.text("the watchdog is no longer fed"),
         Command::Restart => log.text("restarts"),
     }

@@ -33,13 +33,15 @@ const PORT_HELP: &str = "Examples:
 
 A log that is there already is replaced only with --force.
 
-Exit status: 0 done as asked; 1 no answer, frames are missing, the port was gone for a while, or a check has failed; 2 bad \
-usage, or no such port.";
+Exit status: 0 done as asked; 1 no answer, it refuses, frames are missing, the port was gone for a while, or a check or the \
+self-test has failed; 2 bad usage, or no such port.";
 
 /// Time to wait for an answer, or for the next frame.
 const PATIENCE: Duration = Duration::from_secs(3);
 /// An answer has ended after a silence of this length.
 const SILENCE: Duration = Duration::from_millis(300);
+/// Time to wait for the result of a self-test or a calibration, which take 1.5 s.
+const EXAMINATION: Duration = Duration::from_secs(6);
 const BAUD_MIN: u64 = *BAUDS.start() as u64;
 const BAUD_MAX: u64 = *BAUDS.end() as u64;
 const READ_EVERY: Duration = Duration::from_millis(2);
@@ -56,7 +58,8 @@ pub(super) struct PortCommand {
     /// Records everything that is received.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
-    /// Ends after this many seconds at the latest [default: 3 with a command, else never].
+    /// Ends after this many seconds, not with `dump` or `bringup` [default: when the answer has ended, or after 3 s; without a
+    /// command, never].
     #[arg(long, value_name = "S", value_parser = number(MAX_TIME_S))]
     seconds: Option<f64>,
     /// File for the frames of `dump` or `bringup`: int16, shape (frames, 4, 256).
@@ -208,6 +211,9 @@ pub(super) fn port(cli: &Cli, args: &PortCommand) -> Result<ExitCode, InputError
     {
         return Err(InputError::new(format!("--out {}: only with dump or bringup", out.display())));
     }
+    if args.seconds.is_some() && matches!(words[..], ["dump", ..] | ["bringup"]) {
+        return Err(InputError::new("--seconds: not with dump or bringup, which end by themselves".to_owned()));
+    }
     match (&words[..], &args.out) {
         (["dump", frames], Some(out)) => dump(cli, args, frames, out),
         (["dump", _], None) => Err(InputError::new("dump: --out FILE says where the frames go".to_owned())),
@@ -242,24 +248,35 @@ fn listen(cli: &Cli, args: &PortCommand, command: &str) -> Result<ExitCode, Inpu
     if asks {
         cable.say(command);
     }
-    let patience_s = args.seconds.or(asks.then_some(PATIENCE.as_secs_f64()));
+    let is_exam = matches!(args.command.first().map(String::as_str), Some("selftest" | "calibrate"));
+    let patience = if is_exam { EXAMINATION } else { PATIENCE };
+    let patience_s = args.seconds.or(asks.then_some(patience.as_secs_f64()));
     let begin = Instant::now();
     let mut heard_at = None;
+    let (mut has_ended, mut has_failed) = (!is_exam, false);
     loop {
         for heard in cable.hear()? {
             if let Reply::Text(text) = heard {
                 heard_at = Some(Instant::now());
+                let is_refused = text.starts_with("error") || text.starts_with("refused");
+                let is_bad = text.starts_with("Foxhound: self-test:") || text.starts_with("Foxhound: not calibrated");
+                has_failed |= asks && (is_refused || is_exam && is_bad);
+                has_ended |= has_failed
+                    || ["Foxhound: self-test", "Foxhound: calibrated"].iter().any(|end| text.starts_with(end));
                 say(&if cli.json { json_line(&Said { text: &text })? } else { format!("{text}\n") });
             }
         }
-        let is_answered = asks && heard_at.is_some_and(|at: Instant| at.elapsed() > SILENCE);
+        let is_answered = asks && has_ended && heard_at.is_some_and(|at: Instant| at.elapsed() > SILENCE);
         let is_late = patience_s.is_some_and(|patience_s| begin.elapsed().as_secs_f64() > patience_s);
         if is_late && asks && heard_at.is_none() {
             warn("no answer");
             return Ok(ExitCode::from(1));
         }
         if is_late || is_answered && args.seconds.is_none() {
-            return Ok(ExitCode::from(u8::from(cable.was_cut)));
+            if !has_ended {
+                warn("no result came");
+            }
+            return Ok(ExitCode::from(u8::from(cable.was_cut || has_failed || !has_ended)));
         }
         sleep(READ_EVERY);
     }

@@ -14,14 +14,12 @@ use serde::Serialize;
 
 use super::super::terminal::{say, warn};
 use super::super::{Cli, json_line};
-use super::{Cable, PATIENCE};
+use super::{Cable, EXAMINATION, PATIENCE};
 
 /// Frames that are examined.
 const FRAMES: u16 = 32;
 /// Heartbeats come once a second.
 const LISTEN: Duration = Duration::from_secs(3);
-/// A self-test takes 1.5 s.
-const EXAMINATION: Duration = Duration::from_secs(6);
 /// A watchdog timeout, a start, and a crystal that does not start.
 const RESTART: Duration = Duration::from_secs(20);
 /// A tone in one channel: its samples vary this many times as much as those of the others.
