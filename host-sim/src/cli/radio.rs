@@ -27,13 +27,14 @@ pub(super) struct RadioArgs {
     /// Description of its array, as for `foxhound bearing`, if it sends samples.
     #[arg(long, value_name = "FILE")]
     array: Option<PathBuf>,
-    /// The wanted transmitter: frequency in Hz (kraken), address (hci, uudf), handle (hci) [default: any].
+    /// The wanted transmitter: frequency in Hz (kraken), address (hci, uudf), or handle of the train, of a
+    /// connection with 4096 added (hci) [default: any].
     #[arg(long, value_name = "ID", value_parser = identity, requires = "bearings")]
     emitter: Option<u64>,
     /// Direction of the array's zero, clockwise from the nose.
     #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = number(AZIMUTH_DEG), requires = "bearings")]
     mount_deg: f64,
-    /// Standard deviation of bearings that come without one (kraken, uudf).
+    /// Standard deviation of bearings that come without one (kraken, uudf, udp).
     #[arg(long, value_name = "DEG", default_value_t = 8.0, value_parser = number(SIGMA_DEG), requires = "bearings")]
     sigma_deg: f64,
     /// Bearings older than this, in seconds, are not used.

@@ -58,7 +58,7 @@ pub(super) fn clipped(report: &IqReport) -> usize {
 }
 
 /// Number of a report's transmitter. Connections and trains have handles of their own, of twelve bits.
-fn emitter(report: &IqReport) -> i32 {
+pub(super) fn emitter(report: &IqReport) -> i32 {
     let link = match report.link {
         Link::Advertising => 0,
         Link::Connection => 1,

@@ -102,7 +102,8 @@ impl fmt::Display for Source {
 pub struct Options {
     /// The array, for sources that send samples.
     pub array: Option<RadioArray>,
-    /// The wanted transmitter, for sources that tell transmitters apart: address, frequency in Hz, or a Bluetooth handle (up to 0x0FFF).
+    /// The wanted transmitter, for sources that tell transmitters apart: address, frequency in Hz, or the number of a Bluetooth train or
+    /// connection (its handle, and 0x1000 for a connection).
     pub emitter: Option<u64>,
     /// Direction of the array's zero, clockwise from the nose.
     pub mount_rad: f32,
@@ -222,6 +223,18 @@ impl Live {
             array.beam.build()?.refuse_line()?;
             Ok::<_, InputError>(array)
         };
+        // What would have no effect is refused.
+        let useless = match source {
+            Source::Heimdall(..) => options.emitter.map(|_| ("--emitter", "tells no transmitters apart")),
+            Source::Udp(..) if options.emitter.is_some() => Some(("--emitter", "tells no transmitters apart")),
+            Source::Kraken(..) | Source::Uudf(..) | Source::Udp(..) => {
+                options.array.as_ref().map(|_| ("--array", "gives angles, not samples"))
+            }
+            Source::Hci(..) => None,
+        };
+        if let Some((option, why)) = useless {
+            return Err(InputError::new(format!("{option}: not with --bearings {source}, which {why}")));
+        }
         let failed = |what: String, error: std::io::Error| InputError::new(format!("--bearings {what}: {error}"));
         let line = |device: &PathBuf, baud: u32| {
             let address = Address::Serial { device: device.clone(), baud };

@@ -11,15 +11,15 @@ use super::{Event, Measurement};
 use crate::autopilot::transport::Line;
 use crate::scenario::input::InputError;
 use crate::tools::bearings::mark_clipped;
-use crate::tools::hci::{array_of, clipped};
+use crate::tools::hci::{array_of, clipped, emitter};
 use crate::tools::radio_array::RadioArray;
 
 /// A silence in which no packet goes on.
 const PAUSE: Duration = Duration::from_micros(iq::PAUSE_US);
 /// Transmitters that are told apart; handles have 12 bits, and line noise can invent many.
 const TRANSMITTERS: usize = 64;
-/// Handles are at most this; what is larger is an address.
-const HANDLE_MAX: u64 = 0x0FFF;
+/// Numbers of trains and connections are at most this; what is larger is an address.
+const NUMBER_MAX: u64 = 0x1FFF;
 
 enum Reader {
     Reports(Box<(hci::Reader, Reports)>),
@@ -53,7 +53,7 @@ impl Serial {
         Self { line, reader, was_open: true, openings: 0, last: Instant::now() }
     }
 
-    /// The events since the last call. The wanted transmitter is a handle, or an address.
+    /// The events since the last call. The wanted transmitter is the number of a train or connection, or an address.
     pub(super) fn events(&mut self, wanted: Option<u64>) -> Vec<Event> {
         let bytes = self.line.read();
         if self.line.openings() != self.openings {
@@ -100,11 +100,13 @@ impl Reader {
                     Ok(report) => {
                         let address = both.0.address(&report);
                         match wanted {
-                            Some(wanted) if wanted <= HANDLE_MAX && wanted != u64::from(report.handle) => other(),
-                            Some(wanted) if wanted > HANDLE_MAX && address.is_none() => {
+                            Some(wanted) if wanted <= NUMBER_MAX && i64::from(emitter(&report)) != wanted as i64 => {
+                                other()
+                            }
+                            Some(wanted) if wanted > NUMBER_MAX && address.is_none() => {
                                 Event::Nothing(format!("handle {} has no known address", report.handle))
                             }
-                            Some(wanted) if wanted > HANDLE_MAX && address != Some(wanted) => other(),
+                            Some(wanted) if wanted > NUMBER_MAX && address != Some(wanted) => other(),
                             _ => both.1.estimate(&report, address, now),
                         }
                     }

@@ -59,6 +59,15 @@ fn sources_are_read_and_wrong_ones_refused() {
     }
     let heimdall = Live::open(&Source::Heimdall("localhost".to_owned(), 1), options());
     assert!(heimdall.err().is_some_and(|error| error.to_string().contains("needs --array")));
+    // Nor is anything taken that would have no effect.
+    let udp = || Source::Udp("127.0.0.1".to_owned(), 0);
+    for (given, word) in [
+        (Options { emitter: Some(7), ..options() }, "--emitter: not with --bearings udp:127.0.0.1:0"),
+        (Options { array: Some(ring().1), ..options() }, "--array: not with --bearings udp:127.0.0.1:0"),
+    ] {
+        let refused = Live::open(&udp(), given).err().unwrap().to_string();
+        assert!(refused.starts_with(word), "{refused}");
+    }
 }
 
 #[test]
