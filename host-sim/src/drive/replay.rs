@@ -179,6 +179,8 @@ impl Follower {
 struct Replay {
     summary: Summary,
     next: Option<u32>,
+    /// Late steps of the starts before this one.
+    late_before: u32,
     flown: Option<Box<Flown>>,
     /// The planner's memory is kept from flight to flight, as in the firmware.
     workspace: Box<Workspace>,
@@ -223,6 +225,8 @@ impl Replay {
         if number == 0 && is_beginning {
             // The computer was switched on.
             *self.workspace = Workspace::default();
+            // It counts from zero again.
+            self.late_before = self.summary.late_steps;
             return;
         }
         if let Some(missing) = expected.map(|expected| number.wrapping_sub(expected)).filter(|missing| *missing != 0) {
@@ -239,7 +243,7 @@ impl Replay {
                 self.flown = Some(Flown::begin(&begin)?);
                 self.summary.flights += 1;
             }
-            Record::Late(late) => self.summary.late_steps = late.late,
+            Record::Late(late) => self.summary.late_steps = self.late_before + late.late,
             Record::Text(_) => {}
             Record::Step(step) => {
                 // The bearings of a radio are in the bytes of its line, not in a frame.

@@ -63,7 +63,7 @@ impl Shard {
 
     /// How many of `flights` belong to it.
     const fn share(self, flights: usize) -> usize {
-        (flights + self.of - self.number) / self.of
+        flights.saturating_sub(self.number - 1).div_ceil(self.of)
     }
 
     /// The name of its file.
