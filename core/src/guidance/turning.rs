@@ -29,6 +29,9 @@ use crate::signal::phase::{HOLD_THRESHOLD, Phasors, Tone};
 
 /// A bearing stays valid for this many turns.
 pub const MISSION_TURNS: f32 = 2.2;
+/// The slowest turn. A rotation must end within the longest, with a fifth to spare.
+const YAW_RATE_MIN_RADPS: f32 = 0.4;
+const _: () = assert!(core::f32::consts::TAU / YAW_RATE_MIN_RADPS <= 0.8 * rotating::ROTATION_MAX_S);
 /// Bearings in a row that lack channels before the vehicle starts to turn: a fifth of a second.
 const PATIENCE: u8 = 10;
 /// A reading with an older attitude cannot be assigned to a bin.
@@ -97,16 +100,12 @@ impl Config {
             check("turning.boresights_rad", boresight_rad, -6.3, 6.3)?;
         }
         let speed_radps = libm::fabsf(self.yaw_rate_radps);
-        check("turning.yaw_rate_radps", speed_radps, 0.3, 6.3)?;
+        check("turning.yaw_rate_radps", speed_radps, YAW_RATE_MIN_RADPS, 6.3)?;
         if speed_radps > yaw_rate_max_radps {
             let why = Why::Inconsistent("exceeds the guard's yaw rate limit");
             return Err(ConfigError { field: "turning.yaw_rate_radps", value: self.yaw_rate_radps, why });
         }
         let turn_s = core::f32::consts::TAU / speed_radps;
-        if turn_s > 0.8 * rotating::ROTATION_MAX_S {
-            let why = Why::Inconsistent("a rotation at that rate takes longer than the longest rotation");
-            return Err(ConfigError { field: "turning.yaw_rate_radps", value: self.yaw_rate_radps, why });
-        }
         let patience_s = MISSION_TURNS * turn_s;
         let mission = mission::Config {
             bearing_age_max_s: if patience_s > mission.bearing_age_max_s {
