@@ -16,7 +16,7 @@
 //! | `StaleObstacles` | the newest obstacle measurement in the map is older than 0.5 s, and a sensor is required | hold |
 //! | `Uncalibrated` | no usable bearing for 1 s, the last one unusable for lack of a calibration | hold |
 //! | `Ambiguous` | the same, the last one because its direction was ambiguous | hold |
-//! | `NoSignal` | the same, for any other reason | hold; if `guidance::Config::explore` is set, search, then hold |
+//! | `NoSignal` | the same, for any other reason | hold; if `planner::Config::explore` is set, search, then hold |
 //! | `GoalUnreachable` | no path for 15 s (time on a path is subtracted), or no progress beyond 1 m in 20 s, or, a distance `d` within 5 m of where the beacon is believed, beyond `1 m + 2 d` in 20 s for each metre of that; while a plan is late, or the vehicle holds for one of the reasons above, no time runs; the first time reflections are left out instead, if any was supposed ([`crate::localize::belief`]) | hold until the mode is entered again |
 //! | `Fault` | a stage reported an impossible value (a demand that is not finite) | hold |
 //! | `NoPath` | the planner answered with a brake plan | hold, request again every 0.5 s |

@@ -5,8 +5,8 @@
 //! It does not call the planner. A step that needs a plan sets [`Output::plan_requested`]; the caller lets
 //! [`crate::planning::planner`] answer [`State::request`], at once or in a slower task, and passes the answer to any
 //! later step. The plan takes effect `HANDOVER_TICKS` steps after the request, neither earlier nor later,
-//! so that the flight does not depend on the planner's speed. A later answer is dropped and counted; the old plan is
-//! followed to its end.
+//! so that the flight does not depend on the planner's speed. A later answer is dropped; the old plan is followed to its
+//! end.
 
 use crate::base::adc::AdcFrame;
 use crate::base::ned::Horizontal;

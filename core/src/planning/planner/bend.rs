@@ -2,8 +2,8 @@
 //! moves across the line of sight.
 //!
 //! The belief-space planner ([`crate::planning::ilqr`]) plans a path of up to six metres towards the estimated source,
-//! at most a tenth longer than the straight one, that reduces the covariance of the source's position most. The result
-//! is a candidate like any other: its first two metres are flown if they keep their margin.
+//! at most a tenth longer than the straight one, that reduces the covariance of the source's position most. Its first
+//! two metres are flown; where an obstacle is near it is not asked.
 
 use super::{Learn, PlanRequest};
 use crate::base::error::ConfigError;
@@ -39,7 +39,7 @@ fn planner(stride_m: f32, bearing_sigma_rad: f32) -> Result<ilqr::Planner, Confi
     .build()
 }
 
-/// The first two metres of a bent path, if there is one that keeps its margin.
+/// The first two metres of a bent path, if there is one.
 #[inline(never)]
 pub(super) fn bend(request: &PlanRequest, learn: &Learn, obstacles: &[Obstacle]) -> Option<Trajectory> {
     let start = request.start_ned_m;

@@ -4,7 +4,7 @@
 //! passable but slow, so that a wide path is preferred and a narrow one still possible; places that have not been seen
 //! count as free. A wave starts at the vehicle and is propagated from cell to cell by the upwind solution of the
 //! eikonal equation `|grad T| = slowness` (Sethian 1996): the arrival at a cell is the length of the shortest path
-//! there, in any direction and not only along the grid. The cells wait in buckets half as wide as a step instead of in
+//! there, in any direction and not only along the grid. The cells wait in buckets narrower than half a step instead of in
 //! a sorted queue (Yatziv, Bartesaghi and Sapiro 2006), a cell whose arrival improves is queued again, and all
 //! arithmetic is integer: a table of 65 entries holds the square roots.
 //!
