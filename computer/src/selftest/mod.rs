@@ -7,8 +7,8 @@
 //!
 //! | check | requirement | usual cause |
 //! |---|---|---|
-//! | [`Check::Frozen`] | no frame repeats the one before | a converter or its DMA has stopped |
-//! | [`Check::Frames`] | frames come, at most one in four is missing | converters, timer or DMA do not run |
+//! | [`Check::Frozen`] | no frame repeats the one before | a ring that is not written |
+//! | [`Check::Frames`] | frames come, at most one in four is missing | timer or DMA do not run, or one of the converters |
 //! | [`Check::Dead`] | samples change; and, once there is a tone, it has at least 1 % of the strongest one's power | wire, amplifier, mixer |
 //! | [`Check::Clipped`] | at most 1 % of the samples at a rail | too loud, bias |
 //! | [`Check::Same`] | no two channels have identical samples in all frames | two inputs on one converter |

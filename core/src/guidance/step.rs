@@ -290,8 +290,7 @@ impl<const N: usize> Guidance<N> {
             state.arrival.landing.shift(jump);
         }
         let pose = FullPose::carried(ownship, input.now);
-        // One that is older than the poses that are kept says nothing.
-        let heard = bearing.and_then(|bearing| Some((bearing, state.vehicle.poses.at(bearing.time)?)));
+        let heard = bearing.map(|bearing| (bearing, state.vehicle.poses.at(bearing.time).unwrap_or(pose)));
         let height_m = landing::plausible_height_m(input.height_m);
         self.localizer.observe_near(&mut state.belief, input.now, heard, &pose, height_m)
     }

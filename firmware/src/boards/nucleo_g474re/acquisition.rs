@@ -278,6 +278,8 @@ impl Acquisition {
         DMA2.ifcr().write(|w| (0..CHANNELS).for_each(|channel| w.set_gif(channel, true)));
         FILLED.store(0, Ordering::Relaxed);
         READY.reset();
+        // Loads the prescaler, and is a trigger: long before the converters wait for one, since some of them might miss it.
+        TIM6.egr().write(|w| w.set_ug(true));
         for ((index, Channel { converter, request, .. }), ring) in CHANNEL.iter().enumerate().zip(&RINGS) {
             DMAMUX1.ccr(DMAMUX_OF_DMA2 + index).write(|w| w.set_dmareq_id(*request));
             let dma = DMA2.ch(index);
@@ -297,8 +299,6 @@ impl Acquisition {
                 w.set_en(true);
             });
         }
-        // Loads the prescaler, and is a trigger: before the converters wait for one, since the last of them might miss it.
-        TIM6.egr().write(|w| w.set_ug(true));
         for Channel { converter, .. } in &CHANNEL {
             converter.cfgr().modify(|w| w.set_dmaen(Dmaen::ENABLE));
             converter.cr().modify(|w| w.set_adstart(true));
