@@ -16,6 +16,7 @@ use foxhound_sim::autopilot::transport::{Address, Line};
 use foxhound_sim::drive::companion::{self, Config, Ends, Eyes, News, Provider};
 use foxhound_sim::drive::computer::{Computer, HostComputer};
 use foxhound_sim::drive::qemu::QemuComputer;
+use foxhound_sim::scenario::Sensor;
 use foxhound_sim::scenario::input::{DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, read_text};
 use foxhound_sim::scenario::params::Given;
 use indicatif::{ProgressBar, ProgressDrawTarget};
@@ -166,6 +167,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         v_max_mps: args.v_max.unwrap_or(2.0),
         ends: Ends::Near,
         drone_radius_m: args.drone_radius,
+        sensor: Sensor::default(),
         snr_db: args.snr_db,
         seed: cli.seed,
         planner: args.planner,
@@ -195,18 +197,22 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         None => HostComputer::new(&config.guidance())?,
     };
     let guidance = *host.config();
-    let drone_radius_m = args.params.as_ref().map_or(config.drone_radius_m, |_| guidance.vehicle.radius_m.into());
-    let config = Config { ends: Ends::of(&guidance), drone_radius_m, ..config };
+    let mut config = Config { ends: Ends::of(&guidance), ..config };
+    if let Some(path) = &args.params {
+        let (fov_deg, range_m) = (guidance.sensor.fov_rad.to_degrees().into(), guidance.sensor.range_m.into());
+        config.drone_radius_m = guidance.vehicle.radius_m.into();
+        config.sensor = Sensor { fov_deg, range_m, ..Sensor::default() };
+        if matches!(args.via, Via::Qemu(_)) {
+            let mut given = Given::default();
+            given.read(path)?;
+            given.refuse_of_link()?;
+        }
+    }
     let mut records = args.records.begin(&config.mission(), &guidance, host.parameters())?;
     let mut qemu = match &args.via {
         Via::Host => None,
         // A real autopilot says more than QEMU takes from its serial line in real time.
         Via::Qemu(elf) => {
-            if let Some(path) = &args.params {
-                let mut given = Given::default();
-                given.read(path)?;
-                given.refuse_of_link()?;
-            }
             Some(QemuComputer::start_quick(elf, &Setup { guidance, needs_entry: false }).map_err(refused)?)
         }
         Via::G474(_) => {
@@ -236,7 +242,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
                 qemu
             }
             None => {
-                // As the firmware does: a vehicle that flies in the mode already stays under its pilot's control.
+                // As the firmware does, but for its silence towards PX4: a vehicle that flies in the mode already stays under its pilot's control.
                 host.require_entry();
                 if let Some(key) = &config.key {
                     host.sign_with(companion::signing(key, 0, Time(0)));

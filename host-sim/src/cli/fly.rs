@@ -201,10 +201,17 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         given.check_link().map_err(|error| error.in_file(path))?;
         given.apply(&mut config);
         given.describe(&mut mission.scenario);
+        let (told_s, turn_s) = (f64::from(config.sensor.turn_s), mission.scenario.sensor.turn_s);
+        if (told_s - turn_s).abs() > 1e-3 {
+            cli.note(&format!("FH_OBS_TURN = {told_s:.3}: the simulated sensor takes {turn_s} s for a turn"));
+        }
     }
     let values = *given.beside(&config).values();
     // Checked here for every computer, so that a refused field is named the same way.
     let host = HostComputer::with_values(&config, values).map_err(|error| given.beside(&config).named(error))?;
+    if args.params.is_some() {
+        mission.scenario = mission.scenario.clone().checked()?;
+    }
     let mut computer: Box<dyn Computer> = match &args.via {
         Via::Host => Box::new(host),
         Via::Qemu(elf) => {

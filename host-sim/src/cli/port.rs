@@ -34,7 +34,7 @@ const PORT_HELP: &str = "Examples:
 A log that is there already is replaced only with --force.
 
 Exit status: 0 done as asked; 1 no answer, it refuses, frames are missing, the port was gone for a while, or a check or the \
-self-test has failed; 2 bad usage, or no such port.";
+self-test has failed; 2 bad usage, no such port, or a dump that is refused.";
 
 /// Time to wait for an answer, or for the next frame.
 const PATIENCE: Duration = Duration::from_secs(3);
@@ -248,7 +248,7 @@ fn listen(cli: &Cli, args: &PortCommand, command: &str) -> Result<ExitCode, Inpu
     if asks {
         cable.say(command);
     }
-    let is_exam = matches!(args.command.first().map(String::as_str), Some("selftest" | "calibrate"));
+    let is_exam = matches!(command.split_whitespace().next(), Some("selftest" | "calibrate"));
     let patience = if is_exam { EXAMINATION } else { PATIENCE };
     let patience_s = args.seconds.or(asks.then_some(patience.as_secs_f64()));
     let begin = Instant::now();

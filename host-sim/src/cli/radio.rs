@@ -27,8 +27,8 @@ pub(super) struct RadioArgs {
     /// Description of its array, as for `foxhound bearing`, if it sends samples.
     #[arg(long, value_name = "FILE")]
     array: Option<PathBuf>,
-    /// The wanted transmitter: frequency in Hz (kraken), address (hci, uudf), or handle of the train, of a
-    /// connection with 4096 added (hci) [default: any].
+    /// The wanted transmitter: frequency in Hz (kraken), address (hci, uudf), or handle of the train or,
+    /// of a connection, its handle plus 4096 (hci) [default: any].
     #[arg(long, value_name = "ID", value_parser = identity, requires = "bearings")]
     emitter: Option<u64>,
     /// Direction of the array's zero, clockwise from the nose.

@@ -135,6 +135,8 @@ pub struct Config {
     pub ends: Ends,
     /// Radius of the vehicle.
     pub drone_radius_m: f64,
+    /// The simulated obstacle sensor, where it is used.
+    pub sensor: scenario::Sensor,
     /// Signal-to-noise ratio per sample of the antenna waveforms.
     pub snr_db: f64,
     /// Seed of all random numbers.
@@ -191,6 +193,7 @@ impl Config {
             landing,
             name: "companion".to_owned(),
             drone_radius: self.drone_radius_m,
+            sensor: self.sensor,
             goal: [east, north],
             obstacles: self.obstacles.simulated().to_vec(),
             bearing: scenario::Bearing { snr_db: Some(self.snr_db), ..scenario::Bearing::default() },

@@ -243,7 +243,7 @@ impl Replay {
                 self.flown = Some(Flown::begin(&begin)?);
                 self.summary.flights += 1;
             }
-            Record::Late(late) => self.summary.late_steps = self.late_before + late.late,
+            Record::Late(late) => self.summary.late_steps = self.late_before.saturating_add(late.late),
             Record::Text(_) => {}
             Record::Step(step) => {
                 // The bearings of a radio are in the bytes of its line, not in a frame.

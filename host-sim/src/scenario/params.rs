@@ -10,8 +10,10 @@ use foxhound_core::guidance::param::{self, Field, Id, Kind, Param, TABLE, Values
 use foxhound_link::companion;
 
 use super::input::{InputError, read_text};
-use super::{Scenario, output};
+use super::{Scenario, SensorModel, output};
 
+/// Longest turn of a simulated sensor, as the scenario has it.
+const TURN_MAX_S: f64 = 0.1;
 /// Samples in a frame; they limit how narrow a tone's band can be.
 const SAMPLES: usize = 256;
 
@@ -120,13 +122,14 @@ impl Given {
         Self { values, ids: self.ids.clone() }
     }
 
-    /// Refuses parameters of the link, for a computer that is given a configuration of guidance only.
+    /// Refuses parameters of the link that are not the defaults, for a computer that is given a configuration of guidance only.
     ///
     /// # Errors
     /// The first of them.
     pub fn refuse_of_link(&self) -> Result<(), InputError> {
         let is_of_link = |id: &&Id| TABLE.get(id.index()).is_some_and(|row| matches!(row.field, Field::Link));
-        self.ids.iter().find(is_of_link).map_or(Ok(()), |id| {
+        let differs = |id: &&Id| self.values.get(**id) != id.default();
+        self.ids.iter().filter(is_of_link).find(differs).map_or(Ok(()), |id| {
             let why = "is a parameter of the link, which the image in QEMU has as built";
             Err(InputError::new(format!("--params: {} {why}", id.name())))
         })
@@ -142,9 +145,15 @@ impl Given {
             ("FH_OBS_TURN", &mut sensor.turn_s),
         ] {
             if let Some(id) = self.ids.iter().find(|id| id.name() == name) {
-                *field = self.values.get(*id).into();
+                // The number that was written, which one of 32 bits only comes near to.
+                *field = self.values.get(*id).to_string().parse().unwrap_or(*field);
             }
         }
+        if self.ids.iter().any(|id| id.name() == "FH_OBS_SRC" && self.values.get(*id) == 1.0) {
+            sensor.model = SensorModel::Lidar;
+        }
+        // A simulated turn takes no longer, and goes the usual way round.
+        sensor.turn_s = sensor.turn_s.clamp(0.0, TURN_MAX_S);
     }
 
     /// Writes only the given parameters over other values.

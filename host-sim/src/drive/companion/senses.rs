@@ -99,7 +99,7 @@ impl Senses {
             source_ned_m,
             downward: Downward::new(scenario, &world, seed),
             world,
-            sensor: scenario::Sensor::default(),
+            sensor: scenario.sensor,
             look_due: Instant::default(),
             chooser: Chooser::new(provider),
             versions,

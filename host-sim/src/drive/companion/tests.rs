@@ -33,6 +33,7 @@ pub(super) fn config() -> Config {
         v_max_mps: 2.0,
         ends: Ends::Near,
         drone_radius_m: 0.15,
+        sensor: scenario::Sensor::default(),
         snr_db: 20.0,
         seed: 1,
         planner: planner::Config::default(),

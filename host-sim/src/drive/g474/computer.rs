@@ -8,7 +8,7 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::param::{Id, Values};
 use foxhound_core::guidance::{self, FrontEnd, Output};
 use foxhound_link::CharArray;
-use foxhound_link::dialect::PARAM_SET_DATA;
+use foxhound_link::dialect::{COMMAND_LONG_DATA, MavCmd, PARAM_SET_DATA};
 use foxhound_link::framer::{FRAME_MAX, Header, encode_data};
 
 use super::{Board, G474Error, Needs, Options, Report, timing};
@@ -71,6 +71,18 @@ impl G474Computer {
             output: None,
         };
         computer.set(needs.parameters())?;
+        if needs.continues {
+            let go_on = COMMAND_LONG_DATA {
+                target_system: TARGET.0,
+                target_component: TARGET.1,
+                command: MavCmd::MAV_CMD_DO_PAUSE_CONTINUE as u16,
+                param1: 1.0,
+                ..Default::default()
+            };
+            let mut frame = [0; FRAME_MAX];
+            let length = encode_data(STATION, &go_on, &mut frame);
+            computer.advance(None, &frame[..length])?;
+        }
         Ok(computer)
     }
 

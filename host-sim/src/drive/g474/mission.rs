@@ -5,11 +5,15 @@ use foxhound_core::guidance::param::{Id, Values};
 
 use crate::drive::flight::Mission;
 use crate::scenario::input::InputError;
-use crate::scenario::{BearingModel, SensorModel};
+use crate::scenario::{BearingModel, SensorModel, Software};
 
-/// The parameters that a mission needs.
+/// What a mission needs before take-off.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Needs(Vec<(Id, f32)>);
+pub struct Needs {
+    parameters: Vec<(Id, f32)>,
+    /// The simulated flight begins in the air: a board that starts then is silent towards PX4 until it is told to continue.
+    pub(super) continues: bool,
+}
 
 impl Needs {
     /// The parameters to be set over MAVLink before take-off for this mission, whose configuration may have been
@@ -39,19 +43,20 @@ impl Needs {
         let reached = reached_with(*values, config);
         match first_difference(config, &reached) {
             Some(key) => refuse(key, "no parameter of the image sets this"),
-            None => Ok(Self(
-                Id::all()
+            None => Ok(Self {
+                continues: scenario.vehicle.autopilot == Software::Px4,
+                parameters: Id::all()
                     .map(|id| (id, values.get(id)))
                     .filter(|(id, value)| value.to_bits() != Values::DEFAULT.get(*id).to_bits())
                     .collect(),
-            )),
+            }),
         }
     }
 
     /// Parameters that differ from the default.
     #[must_use]
     pub fn parameters(&self) -> &[(Id, f32)] {
-        &self.0
+        &self.parameters
     }
 }
 
@@ -102,7 +107,7 @@ mod tests {
 
     #[test]
     fn the_built_in_mission_needs_nothing_and_what_parameters_set_is_set() {
-        assert_eq!(needs(&mut mission(None)), Ok(Needs(Vec::new())));
+        assert_eq!(needs(&mut mission(None)), Ok(Needs::default()));
         let mut slow = mission(Some(
             r#"{"bearing":{"snr_db":20},"vehicle":{"model":"arducopter"},"limits":{"v_max":0.7},"sensor":{"range_m":4}}"#,
         ));
