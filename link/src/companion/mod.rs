@@ -180,7 +180,7 @@ pub struct Companion {
     entry_needed: bool,
     /// Guidance holds until the mode is entered again, or did so before it was held by us.
     has_ended: bool,
-    /// Our program was ended by a fault, and the vehicle has not been disarmed since.
+    /// Our program may have started in flight: the vehicle has not been disarmed since.
     has_crashed: bool,
     paused: bool,
     /// Another component of the vehicle asked for the pause; the pilot is told so.
@@ -456,7 +456,7 @@ impl Companion {
         self.entry_needed = true;
     }
 
-    /// We have been restarted by a fault or by the supply, as [`Self::require_entry`]; and PX4, which enters OFFBOARD by itself as soon as setpoints come,
+    /// We may have been restarted in flight, as [`Self::require_entry`]; and PX4, which enters OFFBOARD by itself as soon as setpoints come,
     /// gets none outside of it until the vehicle is disarmed or a station requests to continue.
     pub fn note_crash(&mut self) {
         self.entry_needed = true;

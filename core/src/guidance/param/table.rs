@@ -158,7 +158,7 @@ pub const TABLE: &[Param] = &[
     real("FH_SILENT", "s", 5.0, [1.5, 30.0], Link,
         "Without a heartbeat of the autopilot for this long, no setpoints are sent; at least FH_HB_TMO."),
     switch("FH_PRESTREAM", 1.0, Link,
-        "1: PX4 is sent zero velocity outside OFFBOARD, so that its pilot can enter OFFBOARD."),
+        "1: PX4 is sent zero velocity outside OFFBOARD, so that its pilot can enter OFFBOARD; not after a start while it was armed."),
     whole("FH_OBS_FRAME", 0.0, [0.0, 2.0], Link,
         "Zero of the angles of OBSTACLE_DISTANCE: 0 the nose for ArduPilot, else as the message says; 1 as the message says; 2 the nose."),
     Param { unit: "%", ..whole("FH_BAT_MIN", 0.0, [0.0, 100.0], Link,
