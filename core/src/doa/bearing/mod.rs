@@ -16,11 +16,13 @@
 //!
 //! Cost: about 2 000 instructions.
 
+use core::f32::consts::FRAC_PI_2;
+
 use crate::base::adc::CHANNELS;
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::math::sqrt;
 use crate::base::time::Instant;
-use crate::base::units::{sin_cos, wrap_pi};
+use crate::base::units::{asin, sin_cos, wrap_pi};
 use crate::doa::array::Array;
 use crate::signal::phase::{Complex, Phasors, Tone};
 
@@ -247,7 +249,7 @@ impl Bearing {
             azimuth_rad: 0.0,
             sigma_rad: core::f32::consts::PI,
             elevation_rad: 0.0,
-            elevation_sigma_rad: core::f32::consts::FRAC_PI_2,
+            elevation_sigma_rad: FRAC_PI_2,
             quality,
             flags,
         }
@@ -619,7 +621,7 @@ fn elevation(wavenumber: f32, wavenumber_sigma: f32) -> (f32, f32) {
     let blind = sqrt(2.0 * wavenumber_sigma);
     let slope = if sine > blind { sine } else { blind };
     let sigma = if slope > 0.0 { wavenumber_sigma / slope } else { 0.0 };
-    (libm::acosf(cosine), sigma.clamp(1e-6, core::f32::consts::FRAC_PI_2))
+    (FRAC_PI_2 - asin(cosine), sigma.clamp(1e-6, FRAC_PI_2))
 }
 
 #[cfg(test)]
