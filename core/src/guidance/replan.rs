@@ -48,6 +48,7 @@ impl<const N: usize> Guidance<N> {
     /// Requests a plan if one is needed; true if it did.
     pub(super) fn ask(&self, state: &mut State<N>, now: Instant, situation: &GuardInput, progress: Progress) -> bool {
         let since = state.tick.wrapping_sub(state.plans.activated);
+        state.plans.since_attempt = state.plans.since_attempt.saturating_add(1);
         let wanted = match progress {
             Progress::RanOut | Progress::Late => true,
             Progress::NoPath => since >= self.retry_ticks,
@@ -81,6 +82,10 @@ impl<const N: usize> Guidance<N> {
         request.target_ned_m = situation.position_ned_m.plus(direction.times(distance_m));
         request.wants_walls = state.belief.is_reflected();
         request.begins = state.plans.active.is_none();
+        request.is_early = !request.begins && u32::from(state.plans.since_attempt) < self.retry_ticks + HANDOVER_TICKS;
+        if !request.is_early {
+            state.plans.since_attempt = 0;
+        }
         request.position_ned_m = situation.position_ned_m;
         request.direction_ned = direction;
         request.learn = state.belief.vague().map(|estimate| Learn {

@@ -71,6 +71,8 @@ pub(super) struct Plans {
     pub(super) walls: Vec<Wall, WALLS_MAX>,
     /// When the active plan took effect.
     pub(super) activated: u32,
+    /// Steps since the last request that was not early.
+    pub(super) since_attempt: u16,
     /// Whether the last plan came too late.
     pub(super) is_late: bool,
     /// There is no signal, and the vehicle searches for one.

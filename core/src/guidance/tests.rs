@@ -32,6 +32,8 @@ struct Report {
     reached: bool,
     closest_m: f32,
     outputs: StdVec<Output>,
+    /// Which requests were early.
+    early: StdVec<bool>,
     state: Option<State<64>>,
 }
 
@@ -70,7 +72,13 @@ impl Flight {
         let planner = self.config.build_planner().unwrap();
         let (mut state, mut workspace) = (guidance.start(), Workspace::default());
         let mut ready: Option<(u32, Answer)> = None;
-        let mut report = Report { reached: false, closest_m: f32::INFINITY, outputs: StdVec::new(), state: None };
+        let mut report = Report {
+            reached: false,
+            closest_m: f32::INFINITY,
+            outputs: StdVec::new(),
+            early: StdVec::new(),
+            state: None,
+        };
         for step in 0..(seconds / DT) as u32 {
             let now = Instant(1_000_000 + u64::from(step) * 20_000);
             let circles = self.visible();
@@ -86,6 +94,7 @@ impl Flight {
             twist(step, &mut input);
             let output = guidance.step(&mut state, &input);
             if output.plan_requested {
+                report.early.push(state.request().is_early);
                 ready = Some((step + self.planning, planner.answer(&mut workspace, state.request(), &known(&state))));
             }
             report.outputs.push(output);
@@ -245,6 +254,24 @@ fn a_late_plan_now_and_then_does_not_keep_a_sealed_vehicle_from_giving_up() {
         }
     });
     assert_eq!(report.outputs.last().unwrap().outcome, Outcome::GoalUnreachable);
+}
+
+#[test]
+fn what_keeps_coming_into_the_way_is_planned_for_at_once_but_counts_as_an_attempt_no_more_often_than_a_failure() {
+    let mut flight = Flight::new(&[], (60.0, 0.0));
+    let seconds = 20.0;
+    let report = flight.run(seconds, |_, input| {
+        // Whoever steps before it wherever it turns.
+        let ahead =
+            input.ownship.map(|ownship| ownship.position_ned_m.horizontal().plus(Horizontal { north: 0.5, east: 0.1 }));
+        let circle = |center_ned_m| Circle { center_ned_m, radius_m: 0.1, ..Circle::default() };
+        let circles: &'static [Circle] = std::boxed::Box::leak(ahead.map(circle).into_iter().collect());
+        input.circles = Some(circles);
+    });
+    let attempts = report.early.iter().filter(|early| !**early).count();
+    let most = (seconds / 0.6) as usize + 1;
+    assert!(attempts <= most && attempts > most / 2, "{attempts} of {}", report.early.len());
+    assert!(2 * report.early.len() > 3 * attempts, "{attempts} of {}", report.early.len());
 }
 
 #[test]

@@ -208,6 +208,8 @@ pub struct PlanRequest {
     /// The first request since the vehicle was handed over: obstacles and source stay known, earlier attempts to reach
     /// it are forgotten.
     pub begins: bool,
+    /// Too soon after another to count as an attempt that was made: it has been requested because something came into the way.
+    pub is_early: bool,
     /// Where the trajectory starts.
     pub start_ned_m: Horizontal,
     /// A place on the source's bearing, at a fixed distance: the target if nothing better is known.

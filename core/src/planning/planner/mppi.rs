@@ -73,7 +73,7 @@ const PATH_STEP_M: f32 = 1.0;
 const SHUT_IN_M: f32 = 0.5;
 /// A path with less than this left has ended.
 const PATH_MIN_M: f32 = 0.6;
-/// Replans without progress, about a minute's, after which no new path is searched and only a path to the source from
+/// Replans without progress, at least a minute's, after which no new path is searched and only a path to the source from
 /// the wide window is followed. After twice as many the vehicle stops. `CREDIT` is the number of replans that one step
 /// of progress gives back.
 const SPENT_MAX: u16 = 80;
@@ -98,7 +98,7 @@ struct Progress {
     /// Where the vehicle was nearest to the source so far, and the replans since.
     closest_ned_m: Horizontal,
     since: u16,
-    /// Replans so far, less those that every step of progress gives back.
+    /// Replans so far that were not early, less those that every step of progress gives back.
     spent: u16,
     /// Number of replans without progress after which a detour begins.
     patience: u16,
@@ -127,11 +127,11 @@ impl Progress {
     }
 
     /// Updates the counters for one replan.
-    fn step(&mut self, start: Horizontal, source: Horizontal) {
+    fn step(&mut self, start: Horizontal, source: Horizontal, is_early: bool) {
         if !self.has_begun {
             *self = Self { bends: self.bends, ..Self::new(start, self.spent) };
         }
-        self.spent = self.spent.saturating_add(1);
+        self.spent = self.spent.saturating_add(u16::from(!is_early));
         self.since = self.since.saturating_add(1);
         self.until_far = match self.until_far {
             Some(left) => Some(left.checked_sub(1).unwrap_or(FAR_EVERY - 1)),
@@ -226,7 +226,7 @@ pub(super) fn plan(
     }
     workspace.memory.turn_to(request.search.as_ref().and(known));
     let Memory { window, path, progress, .. } = &mut workspace.memory;
-    progress.step(start, toward);
+    progress.step(start, toward, request.is_early);
     let keep_off = |obstacles: &mut Vec<Obstacle, CIRCLES_MAX>, as_measured: bool| {
         obstacles.clear();
         for disc in discs {

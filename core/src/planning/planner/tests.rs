@@ -246,6 +246,11 @@ fn what_was_spent_on_a_search_or_before_the_beginning_does_not_count() {
     assert_eq!(plans(200, false, false), Verdict::Brake);
     plans(1, true, true);
     assert_eq!(plans(1, false, false), Verdict::Follow, "it has begun anew with a search");
+    // What was asked for in between because something came into the way.
+    for id in 0..400 {
+        let request = PlanRequest { id, is_early: id % 6 != 0, ..request() };
+        assert_eq!(planner.plan(&mut workspace, &request, &[]).verdict, Verdict::Follow, "{id}");
+    }
 }
 
 #[test]
