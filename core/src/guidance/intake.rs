@@ -226,7 +226,7 @@ pub(super) fn pose_at(vehicle: &VehicleState, time: Instant) -> Result<Pose, Ref
 
 /// The vehicle when a bearing was measured; `None` where its place or its heading is not known.
 #[inline(never)]
-fn ownship_at(vehicle: &VehicleState, time: Instant) -> Option<Ownship> {
+pub(super) fn ownship_at(vehicle: &VehicleState, time: Instant) -> Option<Ownship> {
     let ownship = vehicle.ownship?;
     if ownship.attitude_time.seconds_since(time) <= LATE_S {
         let is_known = pose_at(vehicle, time).is_ok();

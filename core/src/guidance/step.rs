@@ -1,5 +1,6 @@
 //! One step of the fast loop: input is taken, the mission decides, and one setpoint is output.
 
+use super::intake::ownship_at;
 use super::mission::{self, Behaviour, Control, Mission, Outcome, Progress};
 use super::turning::Turning;
 use super::{Guidance, Input, Output, State};
@@ -290,7 +291,9 @@ impl<const N: usize> Guidance<N> {
             state.arrival.landing.shift(jump);
         }
         let pose = FullPose::carried(ownship, input.now);
-        let heard = bearing.map(|bearing| (bearing, state.vehicle.poses.at(bearing.time).unwrap_or(pose)));
+        let is_placed = |bearing: &&Bearing| ownship_at(&state.vehicle, bearing.time).is_some();
+        let heard = bearing.filter(is_placed);
+        let heard = heard.map(|bearing| (bearing, state.vehicle.poses.at(bearing.time).unwrap_or(pose)));
         let height_m = landing::plausible_height_m(input.height_m);
         self.localizer.observe_near(&mut state.belief, input.now, heard, &pose, height_m)
     }

@@ -275,6 +275,39 @@ fn what_keeps_coming_into_the_way_is_planned_for_at_once_but_counts_as_an_attemp
 }
 
 #[test]
+fn a_bearing_from_before_the_poses_that_are_kept_says_nothing_of_the_last_metres() {
+    let config = Config { landing: Some(landing::Config::default()), ..Config::default() };
+    let guidance = config.build::<64>().unwrap();
+    let vehicle = Vehicle::new(Horizontal::default(), 4, 0.45);
+    let believed = |late_us: Option<u64>| {
+        let mut state = guidance.start();
+        for step in 0..100 {
+            let now = Instant(5_000_000 + step * 20_000);
+            let heard_at = |late_us| Bearing {
+                valid: true,
+                azimuth_rad: 0.3,
+                sigma_rad: 0.01,
+                elevation_rad: 1.2,
+                elevation_sigma_rad: 0.02,
+                ..Bearing::without(Instant(now.0 - late_us), Quality::default(), Flags::default())
+            };
+            let front_end = late_us.map_or(FrontEnd::Nothing, |late_us| FrontEnd::Bearing(heard_at(late_us)));
+            let input = Input {
+                front_end,
+                ownship: Some(heard(&vehicle, now)),
+                height_m: Some(5.0),
+                control: Control::Granted,
+                ..Input::at(now)
+            };
+            let _ = guidance.step(&mut state, &input);
+        }
+        std::format!("{:?}", state.belief())
+    };
+    assert_ne!(believed(Some(0)), believed(None), "a fresh one says something");
+    assert_eq!(believed(Some(4_000_000)), believed(None));
+}
+
+#[test]
 fn the_altitude_held_is_the_first_one_heard_even_when_control_comes_before_it() {
     let mut flight = Flight::new(&[], (30.0, 0.0));
     let report = flight.run(8.0, |step, input| {
