@@ -1,15 +1,19 @@
 //! A `KrakenSDR`'s directions: `DOA_value.html`, lines of comma-separated values, one for each frequency that it receives.
 //!
 //! Fields: time (ms), bearing (degrees clockwise from the array's zero, as a compass has it), confidence, power, frequency (Hz), array, latency,
-//! station, latitude, longitude, heading twice, `GPS`, four reserved, then the spectrum over the circle. The software rewrites the file in
+//! station, latitude, longitude, heading twice, `GPS`, four reserved, then the spectrum over the circle, which is counter-clockwise. From March 2023
+//! to July 2024 the software wrote the bearing counter-clockwise as well: a line whose spectrum says so is refused. The software rewrites the file in
 //! place, so a line may be incomplete: it is skipped. A line with the same time as the previous one is not a new bearing, nor is the first after
-//! the start or a failure: nobody knows how long it has been there. The time is of the radio's clock, which need not be ours, so a bearing's age is the
-//! latency (ms) that its line states, and the time since the file was requested.
+//! the start or a failure: nobody knows how long it has been there.
+//!
+//! The time is when the last sample came, and the latency (ms) how long the samples took, without the processing. Where the software runs on this
+//! computer a bearing belongs to the middle of the samples. Elsewhere its clock need not be ours: there it is as old as the latency and the time
+//! since the file was requested, and the processing is left out.
 
 use std::io::{Read as _, Write as _};
 use std::net::{TcpStream, ToSocketAddrs as _};
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use super::{Event, Measurement};
 
@@ -24,6 +28,8 @@ const NEAR_HZ: f64 = 5e3;
 const LATENCY_MAX_MS: f64 = 60_000.0;
 /// Fields before the spectrum.
 const FIELDS: usize = 17;
+/// Largest difference between a direction and the spectrum's highest place, which is at whole degrees.
+const PEAK_DEG: f64 = 2.0;
 
 pub(super) fn start(host: &str, port: u16, frequency_hz: Option<u64>) -> Receiver<Event> {
     let (sender, receiver) = channel();
@@ -35,11 +41,15 @@ pub(super) fn start(host: &str, port: u16, frequency_hz: Option<u64>) -> Receive
 /// Requests the file again and again until the receiver is dropped.
 fn run(host: &str, port: u16, frequency_hz: Option<u64>, sender: &Sender<Event>) {
     let mut last_ms = None;
+    let is_here = (host, port).to_socket_addrs().is_ok_and(|mut all| all.all(|address| address.ip().is_loopback()));
     loop {
         // The answer is no newer than the request.
         let asked = Instant::now();
         let (event, pause) = match get(host, port) {
-            Ok(body) => (newest(&body, frequency_hz, &mut last_ms, asked), PERIOD),
+            Ok(body) => {
+                let clock = is_here.then(SystemTime::now);
+                (newest(&body, frequency_hz, &mut last_ms, asked, clock), PERIOD)
+            }
             Err(why) => {
                 last_ms = None;
                 (Some(Event::Lost(why)), AGAIN)
@@ -73,8 +83,15 @@ fn get(host: &str, port: u16) -> Result<String, String> {
     }
 }
 
-/// The bearing of the wanted frequency, or of the first line; `None` if it is the previous one again, or the first.
-pub(super) fn newest(body: &str, frequency_hz: Option<u64>, last_ms: &mut Option<u64>, now: Instant) -> Option<Event> {
+/// The bearing of the wanted frequency, or of the first line; `None` if it is the previous one again, or the first. With the clock that the
+/// lines' times are of, if it is known.
+pub(super) fn newest(
+    body: &str,
+    frequency_hz: Option<u64>,
+    last_ms: &mut Option<u64>,
+    now: Instant,
+    clock: Option<SystemTime>,
+) -> Option<Event> {
     let lines: Vec<&str> = body.lines().filter(|line| !line.trim().is_empty()).collect();
     let mut torn = None;
     for line in &lines {
@@ -86,7 +103,12 @@ pub(super) fn newest(body: &str, frequency_hz: Option<u64>, last_ms: &mut Option
                     return None;
                 }
                 let azimuth_rad = read.bearing_deg.to_radians() as f32;
-                let at = now.checked_sub(read.latency).unwrap_or(now);
+                let age = clock.map_or(Ok(read.latency), |clock| {
+                    let since = clock.duration_since(SystemTime::UNIX_EPOCH + Duration::from_millis(read.time_ms));
+                    since.map(|since| since + read.latency / 2)
+                });
+                let Ok(age) = age else { return Some(Event::Refused("time is ahead of the clock".to_owned())) };
+                let at = now.checked_sub(age).unwrap_or(now);
                 return Some(Event::Measured(Measurement::plain(at, azimuth_rad, None)));
             }
             Err(why) if frequency_hz.is_none() => return Some(Event::Refused(why)),
@@ -119,10 +141,26 @@ fn read(line: &str) -> Result<Line, String> {
             Err(format!("{name} = {value} is outside {least}..={most}"))
         }
     };
+    let bearing_deg = number(1, "bearing", 0.0, 360.0)?;
+    if is_counterclockwise(bearing_deg, &fields[FIELDS..]) {
+        return Err("the bearing is counter-clockwise: the KrakenSDR's software is older than July 2024".to_owned());
+    }
     Ok(Line {
         time_ms: fields[0].parse().map_err(|_| "time is no number".to_owned())?,
-        bearing_deg: number(1, "bearing", 0.0, 360.0)?,
+        bearing_deg,
         frequency_hz: number(4, "frequency", 0.0, 1e11)?,
         latency: Duration::from_secs_f64(1e-3 * number(6, "latency", 0.0, LATENCY_MAX_MS)?),
     })
+}
+
+/// Whether a bearing has the sense of the spectrum, and is not its mirror image.
+fn is_counterclockwise(bearing_deg: f64, spectrum: &[&str]) -> bool {
+    if spectrum.len() != 360 {
+        return false;
+    }
+    let value = |text: &&str| text.parse::<f64>().unwrap_or(f64::NEG_INFINITY);
+    let Some(highest) = spectrum.iter().map(value).enumerate().max_by(|a, b| a.1.total_cmp(&b.1)) else { return false };
+    let off_deg = |direction_deg: f64| (bearing_deg - direction_deg + 180.0).rem_euclid(360.0) - 180.0;
+    let peak_deg = highest.0 as f64;
+    off_deg(peak_deg).abs() <= PEAK_DEG && off_deg(-peak_deg).abs() > PEAK_DEG
 }

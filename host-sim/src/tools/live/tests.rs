@@ -5,6 +5,7 @@ use std::io::{Read as _, Write as _};
 use std::net::{TcpListener, UdpSocket};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::SystemTime;
 
 use foxhound_computer::iq;
 
@@ -114,7 +115,17 @@ fn json_lines_come_by_udp_with_their_age_and_silence_is_named() {
 
 /// A line of a `KrakenSDR` as its software writes it.
 fn line(time_ms: u64, bearing: f64, frequency_hz: u64) -> String {
-    let spectrum: String = (0..360).map(|k| format!(", {:.2}", f64::from(k) * 0.1)).collect();
+    line_with(360.0 - bearing, time_ms, bearing, frequency_hz)
+}
+
+fn time_of(unix_ms: u64) -> SystemTime {
+    SystemTime::UNIX_EPOCH + Duration::from_millis(unix_ms)
+}
+
+/// The highest place of the spectrum, counter-clockwise, and the other fields.
+fn line_with(theta_deg: f64, time_ms: u64, bearing: f64, frequency_hz: u64) -> String {
+    let level = |k: u32| 10.0 + 9.0 * (f64::from(k) - theta_deg).to_radians().cos();
+    let spectrum: String = (0..360).map(|k| format!(", {:.2}", level(k))).collect();
     format!(
         "{time_ms}, {bearing}, 9.1, -31.2, {frequency_hz}, UCA, 350, NOCALL, 0.0, 0.0, 12.0, 12.0, GPS, R, R, R, R{spectrum} \n"
     )
@@ -123,7 +134,7 @@ fn line(time_ms: u64, bearing: f64, frequency_hz: u64) -> String {
 #[test]
 fn kraken_lines_are_read_by_frequency_and_torn_ones_are_not_believed() {
     let body = line(1_700_000_000_000, 350.0, 433_920_000) + &line(1_700_000_000_000, 45.0, 868_000_000);
-    let read = |body: &str, frequency: Option<u64>| newest(body, frequency, &mut Some(0), Instant::now());
+    let read = |body: &str, frequency: Option<u64>| newest(body, frequency, &mut Some(0), Instant::now(), None);
     let azimuth = |event: Option<Event>| match event {
         Some(Event::Measured(measured)) => measured.azimuth_rad.to_degrees(),
         other => panic!("{other:?}"),
@@ -131,12 +142,29 @@ fn kraken_lines_are_read_by_frequency_and_torn_ones_are_not_believed() {
     assert!((azimuth(read(&body, None)) - 350.0).abs() < 1e-3);
     assert!((azimuth(read(&body, Some(868_001_000))) - 45.0).abs() < 1e-3);
     assert!(matches!(read(&body, Some(915_000_000)), Some(Event::Nothing(_))));
-    assert!(newest(&body, None, &mut Some(1_700_000_000_000), Instant::now()).is_none(), "the same as before");
+    assert!(newest(&body, None, &mut Some(1_700_000_000_000), Instant::now(), None).is_none(), "the same as before");
     let (mut last_ms, now) = (None, Instant::now());
-    assert!(newest(&body, None, &mut last_ms, now).is_none(), "nobody knows how old the first is");
-    let next = newest(&line(1_700_000_000_400, 10.0, 433_920_000), None, &mut last_ms, now);
-    let Some(Event::Measured(next)) = next else { panic!("{next:?}") };
-    assert_eq!(now.duration_since(next.at), Duration::from_millis(350), "the line's latency");
+    assert!(newest(&body, None, &mut last_ms, now, None).is_none(), "nobody knows how old the first is");
+    let begin = time_of(1_700_000_000_000);
+    for (number, clock, age_ms) in [(1, None, 350), (2, Some(250), 425), (3, Some(30_000), 30_175)] {
+        let clock = clock.map(|after_ms| begin + Duration::from_millis(number * 400 + after_ms));
+        let next = newest(&line(1_700_000_000_000 + number * 400, 10.0, 433_920_000), None, &mut last_ms, now, clock);
+        let Some(Event::Measured(next)) = next else { panic!("{next:?}") };
+        assert_eq!(
+            now.duration_since(next.at),
+            Duration::from_millis(age_ms),
+            "the middle of the samples if that is known"
+        );
+    }
+    let ahead = newest(&line(1_700_000_009_000, 10.0, 433_920_000), None, &mut last_ms, now, Some(begin));
+    assert!(matches!(&ahead, Some(Event::Refused(why)) if why.contains("ahead")), "{ahead:?}");
+    for bearing in [10.0, 60.0, 179.0, 181.0, 300.0] {
+        // As the software of May 2023 wrote it.
+        let old = read(&line_with(bearing, 1_700_000_000_000, bearing, 433_920_000), None);
+        let is_plain = (bearing - 180.0_f64).abs() < 2.0;
+        assert!(is_plain || matches!(&old, Some(Event::Refused(why)) if why.contains("counter")), "{bearing}: {old:?}");
+        assert!((azimuth(read(&line(1_700_000_000_000, bearing, 433_920_000), None)) - bearing as f32).abs() < 1e-3);
+    }
     assert!(matches!(read("", None), Some(Event::Nothing(_))));
     for cut in 0..400 {
         // A line that breaks off, wherever it does, is not taken for a whole one; behind its fixed fields only the spectrum is missing.
@@ -162,6 +190,7 @@ fn a_kraken_is_heard_over_http_and_its_end_has_a_name() {
     let port = server.local_addr().unwrap().port();
     let served = Arc::new(AtomicUsize::new(0));
     let count = Arc::clone(&served);
+    let begin_ms = SystemTime::now().duration_since(time_of(0)).unwrap().as_millis() as u64;
     let thread = std::thread::spawn(move || {
         // One that has been there, four new bearings, the fifth once more and again, an error, and it is gone.
         for number in 0..12_u64 {
@@ -169,7 +198,7 @@ fn a_kraken_is_heard_over_http_and_its_end_has_a_name() {
             let mut request = [0; 256];
             let length = stream.read(&mut request).unwrap();
             assert!(request[..length].starts_with(b"GET /DOA_value.html HTTP/1.0\r\n"));
-            let body = line(1_700_000_000_000 + number.min(4), 20.0 + number as f64, 433_920_000);
+            let body = line(begin_ms + 100 * number.min(4), 20.0 + number as f64, 433_920_000);
             let status = if number < 11 { "200 OK" } else { "404 Not Found" };
             write!(stream, "HTTP/1.0 {status}\r\nContent-Type: text/html\r\n\r\n{body}").unwrap();
             count.fetch_add(1, Ordering::Relaxed);
