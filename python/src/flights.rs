@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::planning::planner;
 use foxhound_papers::apf;
-use foxhound_sim::drive::computer::HostComputer;
 use foxhound_sim::drive::flight::{Mission, Moment, Record, fly_until};
 use foxhound_sim::drive::suite::{self, Flight, Flown, Selection};
 use foxhound_sim::record::table::{COLUMNS, Values};
@@ -55,13 +54,10 @@ pub(crate) fn fly<'py>(
             scenario.bearing.set_snr_db("snr_db", snr_db)?;
         }
         let planner = self::planner(planner)?;
-        let mission = Mission { scenario, seed, planner, estimator: Estimator::default() };
-        let mut config = mission.guidance();
+        let mut mission = Mission { scenario, seed, planner, estimator: Estimator::default() };
         let mut given = Given::default();
         params.iter().flatten().try_for_each(|(name, value)| given.set(name, *value))?;
-        given.check_link()?;
-        given.apply(&mut config);
-        let mut computer = HostComputer::new(&config).map_err(|error| given.beside(&config).named(error))?;
+        let (_, mut computer) = mission.with_parameters(&given)?;
         let mut steps = Vec::new();
         let watch = |moment: &Moment<'_>| steps.push(Step { sample: *moment.sample, output: *moment.output });
         let record = fly_until(&mission, &mut computer, None, stop, watch);

@@ -175,8 +175,9 @@ class Flights(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "world.json"
             file.write_text(json.dumps(scenario, default=float))
-            (file.parent / "params.toml").write_text("FH_MARGIN_GRD = 0.06\n")
-            options = {"seed": 5, "snr_db": 10.0, "planner": "paper", "params": {"FH_MARGIN_GRD": 0.06}}
+            params = {"FH_MARGIN_GRD": 0.06, "FH_RADIUS": 0.2, "FH_OBS_FOV": 180.0}
+            (file.parent / "params.toml").write_text("".join(f"{name} = {value}\n" for name, value in params.items()))
+            options = {"seed": 5, "snr_db": 10.0, "planner": "paper", "params": params}
             arguments = ["--seed", 5, "--snr-db", 10, "--planner", "paper", "--params", file.parent / "params.toml"]
             for given in (scenario, file, str(file)):
                 self.assert_same(foxhound.fly(given, **options), "--scenario", file, *arguments)

@@ -143,7 +143,7 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
         } else if left != 0 {
             cli.note(&format!("note: {left} of {count} packets make no group of {looks} of one transmitter"));
         }
-        return print(cli, &lines, |line| &line.line);
+        return print(cli, &lines, |line| (&line.line, line.more()));
     }
     if let Some(path) = &args.iq {
         let array = RadioArray::read(&args.array)?;
@@ -154,7 +154,7 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
         }
         let lines = iq::find(&frames, &array, looks)?;
         refuse_left(frames.count() % looks, frames.count(), "frames", looks)?;
-        return print(cli, &lines, |line| &line.line);
+        return print(cli, &lines, |line| (&line.line, line.more()));
     }
     let Some(adc) = &args.adc else { return Err(InputError::new("--adc: missing")) };
     let description = ArrayDescription::read(&args.array)?;
@@ -170,7 +170,7 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
     let options = Options { estimator: args.estimator, looks, yaw_rad, independent: args.independent };
     let lines = bearings::find(&recording, &description, &options)?;
     refuse_left(frames % looks, frames, "frames", looks)?;
-    print(cli, &lines, |line| line)
+    print(cli, &lines, |line| (line, String::new()))
 }
 
 /// Names the option.
@@ -180,7 +180,7 @@ fn refuse_left(left: usize, count: usize, what: &str, looks: usize) -> Result<()
 }
 
 /// Prints the lines of any recording.
-fn print<L: Serialize>(cli: &Cli, lines: &[L], line: impl Fn(&L) -> &Line) -> Result<ExitCode, InputError> {
+fn print<L: Serialize>(cli: &Cli, lines: &[L], line: impl Fn(&L) -> (&Line, String)) -> Result<ExitCode, InputError> {
     if cli.json {
         let mut text = String::new();
         for line in lines {

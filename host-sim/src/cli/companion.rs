@@ -13,7 +13,7 @@ use foxhound_core::guidance;
 use foxhound_core::planning::planner;
 use foxhound_link::companion::Software;
 use foxhound_sim::autopilot::transport::{Address, Line};
-use foxhound_sim::drive::companion::{self, Config, Ends, Eyes, News, Provider};
+use foxhound_sim::drive::companion::{self, Bearings as _, Config, Ends, Eyes, News, Provider};
 use foxhound_sim::drive::computer::{Computer, HostComputer};
 use foxhound_sim::drive::qemu::QemuComputer;
 use foxhound_sim::scenario::Sensor;
@@ -186,6 +186,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         ("--obstacles", args.obstacles.as_deref()),
         ("--params", args.params.as_deref()),
         ("--key", args.key.as_deref()),
+        ("--array", args.radio.array()),
         report,
         mcap,
         tlog,
@@ -197,6 +198,16 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         None => HostComputer::new(&config.guidance())?,
     };
     let guidance = *host.config();
+    // What would come on a serial line that only a board has would be all that is listened to.
+    for (is_on_line, name, option) in [
+        (guidance.radio.is_some(), "FH_BRG_SRC", "--bearings"),
+        (guidance.lidar.is_some(), "FH_OBS_SRC", "--obstacles"),
+    ] {
+        if is_on_line {
+            let why = format!("{name} is for what is on a board's serial line; {option} has it here: set {name} to 0");
+            return Err(InputError::new(format!("--params: {why}")));
+        }
+    }
     let mut config = Config { ends: Ends::of(&guidance), ..config };
     if let Some(path) = &args.params {
         let (fov_deg, range_m) = (guidance.sensor.fov_rad.to_degrees().into(), guidance.sensor.range_m.into());
@@ -231,8 +242,12 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     let mut progress = Progress::new(cli, args.autopilot.clone());
     progress.text("waits for the autopilot");
     let waited = Instant::now();
+    // What the radio says until then is read, so that it does not become old unread, or lost: also whose a report is, which is said once.
+    let meanwhile = |now| {
+        let _ = radio.as_mut().and_then(|radio| radio.poll(now));
+    };
     let mut written = Written { cli, has_failed: false };
-    let report = if companion::wait_for_line(&mut line, &stop, config.max_time_s) {
+    let report = if companion::wait_for_line(&mut line, &stop, config.max_time_s, meanwhile) {
         let waited_s = waited.elapsed().as_secs_f64();
         let config = Config { max_time_s: config.max_time_s.map(|limit_s| limit_s - waited_s), ..config };
         let computer: &mut dyn Computer = match &mut qemu {

@@ -11,7 +11,7 @@ use foxhound_computer::twin::Setup;
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::planning::planner;
 use foxhound_papers::apf;
-use foxhound_sim::drive::computer::{Computer, HostComputer};
+use foxhound_sim::drive::computer::Computer;
 use foxhound_sim::drive::flight::{self, Ending, Mission, Report};
 use foxhound_sim::drive::g474::{self, G474Computer, Needs};
 use foxhound_sim::drive::qemu::QemuComputer;
@@ -194,24 +194,20 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     if let Some(path) = plot_path.as_deref() {
         if args.plot.is_none() { cli.claim(path) } else { check_writable("--plot", args.plot.as_ref()) }?;
     }
-    let mut config = mission.guidance();
     let mut given = Given::default();
     if let Some(path) = &args.params {
         given.read(path)?;
         given.check_link().map_err(|error| error.in_file(path))?;
-        given.apply(&mut config);
-        given.describe(&mut mission.scenario);
+    }
+    // Checked here for every computer, so that a refused field is named the same way.
+    let (config, host) = mission.with_parameters(&given)?;
+    if args.params.is_some() {
         let (told_s, turn_s) = (f64::from(config.sensor.turn_s), mission.scenario.sensor.turn_s);
         if (told_s - turn_s).abs() > 1e-3 {
             cli.note(&format!("FH_OBS_TURN = {told_s:.3}: the simulated sensor takes {turn_s} s for a turn"));
         }
     }
     let values = *given.beside(&config).values();
-    // Checked here for every computer, so that a refused field is named the same way.
-    let host = HostComputer::with_values(&config, values).map_err(|error| given.beside(&config).named(error))?;
-    if args.params.is_some() {
-        mission.scenario = mission.scenario.clone().checked()?;
-    }
     let mut computer: Box<dyn Computer> = match &args.via {
         Via::Host => Box::new(host),
         Via::Qemu(elf) => {

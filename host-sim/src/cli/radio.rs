@@ -1,7 +1,7 @@
 //! `--bearings`: a live radio instead of simulated antennas.
 
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{self, Duration};
 
 use clap::Args;
 use foxhound_core::base::time::Instant;
@@ -18,6 +18,8 @@ use super::value::number;
 const SIGMA_DEG: std::ops::RangeInclusive<f64> = 0.1..=60.0;
 /// Range of the largest age of a bearing.
 const AGE_S: std::ops::RangeInclusive<f64> = 0.02..=10.0;
+/// Changes of the state are reported no more often than that.
+const PERIOD: Duration = Duration::from_millis(500);
 
 #[derive(Args, Debug)]
 pub(super) struct RadioArgs {
@@ -88,7 +90,7 @@ impl RadioArgs {
             age_max: Duration::from_secs_f64(self.bearing_age),
         };
         let live = Live::open(source, options)?;
-        Ok(Some(Radio { live, shown: State::Waiting, heard: 0 }))
+        Ok(Some(Radio { live, shown: State::Waiting, told: None, heard: 0 }))
     }
 }
 
@@ -96,6 +98,8 @@ impl RadioArgs {
 pub(super) struct Radio {
     live: Live,
     shown: State,
+    /// When it was reported.
+    told: Option<time::Instant>,
     heard: u64,
 }
 
@@ -110,8 +114,9 @@ impl Bearings for Radio {
     fn poll(&mut self, now: Instant) -> Option<Bearing> {
         let bearing = self.live.poll(now);
         self.heard += u64::from(bearing.is_some());
-        if self.live.state().name() != self.shown.name() {
+        if self.live.state() != &self.shown && self.told.is_none_or(|told| told.elapsed() >= PERIOD) {
             self.shown = self.live.state().clone();
+            self.told = Some(time::Instant::now());
             warn(&format!("radio: {}", self.shown));
         }
         bearing

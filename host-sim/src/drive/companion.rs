@@ -276,12 +276,18 @@ pub struct Flown {
     pub missed_steps: u32,
 }
 
-/// Waits for a peer at the other end of the line; false when stopped or after `limit_s`.
-pub fn wait_for_line(line: &mut Line, stop: &AtomicBool, limit_s: Option<f64>) -> bool {
+/// Waits for a peer at the other end of the line; false when stopped or after `limit_s`. `meanwhile` is called again and again.
+pub fn wait_for_line(
+    line: &mut Line,
+    stop: &AtomicBool,
+    limit_s: Option<f64>,
+    mut meanwhile: impl FnMut(Instant),
+) -> bool {
     let begin = WallInstant::now();
     while !line.is_open() {
         // A peer may send before it can be answered: read anyway.
         line.read();
+        meanwhile(Instant(begin.elapsed().as_micros() as u64));
         if stop.load(Ordering::Relaxed) || limit_s.is_some_and(|limit_s| begin.elapsed().as_secs_f64() > limit_s) {
             return false;
         }

@@ -20,8 +20,10 @@ use foxhound_core::landing as core_landing;
 use foxhound_core::mapping::lidar::Mount;
 use foxhound_core::planning::{explore, planner};
 
-use super::computer::{Computer, ComputerError};
+use super::computer::{Computer, ComputerError, HostComputer};
 use crate::autopilot::{Autopilot, Start, tlog};
+use crate::scenario::input::InputError;
+use crate::scenario::params::Given;
 use crate::scenario::{BearingModel, Scenario, SensorModel, Software, VehicleModel, inside};
 use crate::world::antennas::Antennas;
 use crate::world::{Horizontal, Pose, World, from_core, horizontal, wrap_pi};
@@ -130,8 +132,9 @@ impl Mission {
         };
         config.radio = sends.map(|sends| radio::Mount {
             sends,
+            yaw_rad: scenario.bearing.mount_deg.to_radians() as f32,
             sigma_rad: (scenario.bearing.sigma_deg.to_radians() as f32).max(SIGMA_FLOOR_RAD as f32),
-            ..radio::Mount::default()
+            tag: scenario.bearing.tag,
         });
         config.vehicle_model = match scenario.vehicle.model {
             VehicleModel::Point => {
@@ -143,6 +146,25 @@ impl Mission {
             },
         };
         config
+    }
+}
+
+impl Mission {
+    /// The configuration with given parameters, and a computer with it; the simulated vehicle becomes the one that they describe.
+    ///
+    /// # Errors
+    /// The field or parameter that is refused.
+    pub fn with_parameters(&mut self, given: &Given) -> Result<(guidance::Config, HostComputer), InputError> {
+        given.check_link()?;
+        given.describe(&mut self.scenario);
+        let mut config = self.guidance();
+        given.apply(&mut config);
+        let all = given.beside(&config);
+        let host = HostComputer::with_values(&config, *all.values()).map_err(|error| all.named(error))?;
+        if !given.is_empty() {
+            self.scenario = self.scenario.clone().checked()?;
+        }
+        Ok((config, host))
     }
 }
 

@@ -223,6 +223,12 @@ impl Scenario {
         {
             return Err(InputError::new(format!("{field}: only where bearing.model is not `rf`")));
         }
+        let is_radio = matches!(self.bearing_model(), BearingModel::Uudf | BearingModel::Hci);
+        let needs_radio =
+            [("bearing.mount_deg", self.bearing.mount_deg != 0.0), ("bearing.tag", self.bearing.tag != 0)];
+        if let Some((field, _)) = needs_radio.iter().find(|(_, is_set)| *is_set && !is_radio) {
+            return Err(InputError::new(format!("{field}: only where bearing.model is `uudf` or `hci`")));
+        }
         let needs_ranges = [("sensor.noise_m", self.sensor.noise_m), ("sensor.missed", self.sensor.missed)];
         if let (Some((field, _)), SensorModel::Circles) =
             (needs_ranges.iter().find(|(_, error)| *error != 0.0), self.sensor.model)

@@ -10,7 +10,7 @@ use foxhound_core::guidance::param::{self, Field, Id, Kind, Param, TABLE, Values
 use foxhound_link::companion;
 
 use super::input::{InputError, read_text};
-use super::{Scenario, SensorModel, output};
+use super::{BearingModel, Scenario, SensorModel, output};
 
 /// Longest turn of a simulated sensor, as the scenario has it.
 const TURN_MAX_S: f64 = 0.1;
@@ -100,6 +100,12 @@ impl Given {
         Ok(())
     }
 
+    /// Whether none is given.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.ids.is_empty()
+    }
+
     /// All values: the given ones, and the defaults.
     #[must_use]
     pub fn values(&self) -> &Values {
@@ -137,20 +143,36 @@ impl Given {
 
     /// Writes what the given parameters say of the vehicle and its obstacle sensor into the simulated ones.
     pub fn describe(&self, scenario: &mut Scenario) {
+        let given = |name: &str| self.ids.iter().find(|id| id.name() == name).map(|id| self.values.get(*id));
         let Scenario { drone_radius, sensor, .. } = scenario;
-        for (name, field) in [
+        let bearing = &mut scenario.bearing;
+        if given("FH_OBS_SRC") == Some(1.0) {
+            sensor.model = SensorModel::Lidar;
+        }
+        let was_radio = matches!(bearing.model, Some(BearingModel::Uudf | BearingModel::Hci));
+        match given("FH_BRG_SRC") {
+            Some(1.0) => bearing.model = Some(BearingModel::Uudf),
+            Some(2.0) => bearing.model = Some(BearingModel::Hci),
+            Some(_) if was_radio => bearing.model = None,
+            _ => {}
+        }
+        let is_radio = matches!(bearing.model, Some(BearingModel::Uudf | BearingModel::Hci));
+        if let Some(tag) = given("FH_BRG_TAG").filter(|_| is_radio) {
+            bearing.tag = tag as u32;
+        }
+        let of_radio = [("FH_BRG_YAW", &mut bearing.mount_deg), ("FH_BRG_SIGMA", &mut bearing.sigma_deg)];
+        let of_radio = of_radio.into_iter().filter(|_| is_radio);
+        let of_vehicle = [
             ("FH_RADIUS", drone_radius),
             ("FH_OBS_RANGE", &mut sensor.range_m),
             ("FH_OBS_FOV", &mut sensor.fov_deg),
             ("FH_OBS_TURN", &mut sensor.turn_s),
-        ] {
-            if let Some(id) = self.ids.iter().find(|id| id.name() == name) {
+        ];
+        for (name, field) in of_vehicle.into_iter().chain(of_radio) {
+            if let Some(value) = given(name) {
                 // The number that was written, which one of 32 bits only comes near to.
-                *field = self.values.get(*id).to_string().parse().unwrap_or(*field);
+                *field = value.to_string().parse().unwrap_or(*field);
             }
-        }
-        if self.ids.iter().any(|id| id.name() == "FH_OBS_SRC" && self.values.get(*id) == 1.0) {
-            sensor.model = SensorModel::Lidar;
         }
         // A simulated turn takes no longer, and goes the usual way round.
         sensor.turn_s = sensor.turn_s.clamp(0.0, TURN_MAX_S);

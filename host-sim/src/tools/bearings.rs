@@ -84,6 +84,14 @@ pub struct ArrayLine {
 }
 
 impl ArrayLine {
+    /// What the table has beside the line: who sent it, and where else it may come from.
+    #[must_use]
+    pub fn more(&self) -> String {
+        let mirror = self.mirror_deg.map(|mirror_deg| format!("or {mirror_deg:.3} deg"));
+        let emitter = self.emitter.map(|emitter| format!("emitter {emitter}"));
+        [mirror, emitter].into_iter().flatten().collect::<Vec<_>>().join(", ")
+    }
+
     pub(super) fn new(frame: usize, emitter: Option<i32>, arrival: &Arrival) -> Self {
         let line = Line::new(frame, &arrival.bearing);
         let mirror_deg = arrival.mirror_rad.map(|mirror_rad| f64::from(mirror_rad).to_degrees());
@@ -340,15 +348,17 @@ fn combine(group: &[(Bearing, f64)]) -> Bearing {
     }
 }
 
-/// The answers as a table for people.
+/// The answers as a table for people, each with what else there is to say of it.
 #[must_use]
-pub fn table<'a>(lines: impl IntoIterator<Item = &'a Line>) -> String {
+pub fn table<'a>(lines: impl IntoIterator<Item = (&'a Line, String)>) -> String {
     let number = |value: Option<f64>, digits: usize| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
     let mut text = format!(
         "{:>6} {:>5} {:>12} {:>10} {:>14} {:>8} {:>10} {:>8}  {}\n",
         "frame", "valid", "azimuth_deg", "sigma_deg", "elevation_deg", "snr_db", "freq_hz", "closure", "flags"
     );
-    for line in lines {
+    for (line, more) in lines {
+        let words: Vec<&str> =
+            line.flags.iter().copied().chain([more.as_str()]).filter(|word| !word.is_empty()).collect();
         text.push_str(&format!(
             "{:>6} {:>5} {:>12} {:>10} {:>14} {:>8} {:>10} {:>8}  {}\n",
             line.frame,
@@ -359,7 +369,7 @@ pub fn table<'a>(lines: impl IntoIterator<Item = &'a Line>) -> String {
             number(line.snr_db, 1),
             number(line.freq_hz, 1),
             number(line.closure_chi2, 2),
-            line.flags.join(" "),
+            words.join(" "),
         ));
     }
     text

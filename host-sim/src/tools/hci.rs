@@ -167,8 +167,9 @@ fn btsnoop(bytes: &[u8]) -> Result<Vec<Report>, InputError> {
         let (original, included) =
             (word(rest, 0).ok_or_else(truncated)?, word(rest, 4).ok_or_else(truncated)? as usize);
         let flags = word(rest, 8).ok_or_else(truncated)?;
-        if included > RECORD_MAX || original as usize != included {
-            let text = format!("record {record}: {included} of {original} bytes were kept");
+        // A shortened record of something else does not matter, and a shortened report is refused as such.
+        if included > RECORD_MAX || included > original as usize {
+            let text = format!("record {record}: {included} bytes of a packet of {original}");
             return Err(InputError::new(text));
         }
         let packet = rest.get(24..24 + included).ok_or_else(truncated)?;

@@ -206,7 +206,11 @@ pub struct Live {
     kind: Kind,
     options: Options,
     state: State,
+    /// When the last message came, and when one with a bearing that could be used.
     last: Instant,
+    measured: Option<Instant>,
+    /// Why there has been no bearing since.
+    nothing: Option<String>,
 }
 
 impl Live {
@@ -255,7 +259,7 @@ impl Live {
                 Kind::Udp(socket)
             }
         };
-        Ok(Self { kind, options, state: State::Waiting, last: Instant::now() })
+        Ok(Self { kind, options, state: State::Waiting, last: Instant::now(), measured: None, nothing: None })
     }
 
     /// The local UDP port.
@@ -273,6 +277,16 @@ impl Live {
         &self.state
     }
 
+    /// What comes without a bearing counts once the last bearing is too old to be used: another transmitter, in between, does not mean that
+    /// the wanted one is not heard.
+    fn miss(&mut self, here: Instant) {
+        let is_recent = |measured: Instant| here.saturating_duration_since(measured) <= self.options.age_max;
+        let hears = self.state == State::Hearing && self.measured.is_some_and(is_recent);
+        if let Some(why) = self.nothing.take_if(|_| !hears) {
+            self.state = State::NoBearing(why);
+        }
+    }
+
     /// The newest usable bearing since the last call, if any, in the body frame and with a time of the caller's clock.
     pub fn poll(&mut self, now: time::Instant) -> Option<Bearing> {
         let events = match &mut self.kind {
@@ -287,6 +301,7 @@ impl Live {
             if may_be_silent && here.duration_since(self.last) > SILENT {
                 self.state = State::Silent;
             }
+            self.miss(here);
             return None;
         }
         let mut newest = None;
@@ -298,16 +313,18 @@ impl Live {
                 }
                 Event::Measured(measured) => {
                     self.state = State::Hearing;
+                    (self.measured, self.nothing) = (Some(here), None);
                     // Lines of a datagram, and datagrams, may come in another order.
                     if newest.as_ref().is_none_or(|newest: &Measurement| newest.at <= measured.at) {
                         newest = Some(measured);
                     }
                 }
-                Event::Nothing(why) => self.state = State::NoBearing(why),
+                Event::Nothing(why) => self.nothing = Some(why),
                 Event::Refused(why) => self.state = State::Refused(why),
                 Event::Lost(why) => self.state = State::Lost(why),
             }
         }
+        self.miss(here);
         let measured = newest?;
         let age_us = here.saturating_duration_since(measured.at).as_micros() as u64;
         Some(Bearing {

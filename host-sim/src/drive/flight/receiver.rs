@@ -79,7 +79,7 @@ impl<'a> Receiver<'a> {
     pub(super) fn receive(&mut self, world: &World, vehicle: &Pose, now: Instant, time_s: f64) -> Reception {
         match (self.hear(world, vehicle, now, time_s), self.mission.scenario.bearing_model()) {
             (Reception::Bearing(bearing), BearingModel::Uudf) => {
-                uudf(&bearing).map_or(Reception::Nothing, |line| Reception::Line(line.into_bytes()))
+                self.uudf(&bearing).map_or(Reception::Nothing, |line| Reception::Line(line.into_bytes()))
             }
             (Reception::Bearing(bearing), BearingModel::Hci) => Reception::Line(self.report(&bearing)),
             (heard, _) => heard,
@@ -89,9 +89,31 @@ impl<'a> Receiver<'a> {
     /// The IQ report of a packet from there, in front of the first that of whose it is.
     fn report(&mut self, bearing: &bearing::Bearing) -> Vec<u8> {
         let is_known = std::mem::replace(&mut self.is_synchronised, true);
-        let mut bytes = if is_known { Vec::new() } else { iq::synchronised(HANDLE, ADDRESS) };
-        bytes.extend(iq::report(&ARRAY, HANDLE, f64::from(bearing.azimuth_rad), OFFSET_HZ));
+        let mut bytes = if is_known { Vec::new() } else { iq::synchronised(HANDLE, self.address()) };
+        bytes.extend(iq::report(&ARRAY, HANDLE, self.from_zero_rad(bearing), OFFSET_HZ));
         bytes
+    }
+
+    /// The line of a radio that has measured this; `None` behind it.
+    fn uudf(&self, bearing: &bearing::Bearing) -> Option<String> {
+        let azimuth_deg = self.from_zero_rad(bearing).to_degrees();
+        let (address, time_ms) = (self.address(), bearing.time.0 / 1000);
+        (azimuth_deg.abs() <= 90.0)
+            .then(|| format!("+UUDF:{address:012X},-56,{azimuth_deg:.0},0,0,37,\"6C1DEBA79D14\",\"\",{time_ms},0\r\n"))
+    }
+
+    /// From the radio's zero, which need not be the nose.
+    fn from_zero_rad(&self, bearing: &bearing::Bearing) -> f64 {
+        let mount_rad = self.mission.scenario.bearing.mount_deg.to_radians();
+        if mount_rad == 0.0 { bearing.azimuth_rad.into() } else { wrap_pi(f64::from(bearing.azimuth_rad) - mount_rad) }
+    }
+
+    /// Of the beacon.
+    fn address(&self) -> u64 {
+        match self.mission.scenario.bearing.tag {
+            0 => ADDRESS,
+            tag => (ADDRESS & !0xFF_FFFF) | u64::from(tag),
+        }
     }
 
     fn hear(&mut self, world: &World, vehicle: &Pose, now: Instant, time_s: f64) -> Reception {
@@ -199,14 +221,6 @@ impl Receiver<'_> {
             }
         }
     }
-}
-
-/// The line of a radio that has measured this; `None` behind it.
-fn uudf(bearing: &bearing::Bearing) -> Option<String> {
-    let azimuth_deg = bearing.azimuth_rad.to_degrees();
-    let time_ms = bearing.time.0 / 1000;
-    (azimuth_deg.abs() <= 90.0)
-        .then(|| format!("+UUDF:6C1DEBA41845,-56,{azimuth_deg:.0},0,0,37,\"6C1DEBA79D14\",\"\",{time_ms},0\r\n"))
 }
 
 /// Lines or packets of the radio a second.

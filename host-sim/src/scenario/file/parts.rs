@@ -135,6 +135,12 @@ pub struct Bearing {
     /// Standard deviation of the noise model and the radios.
     #[schemars(range(min = 0.0, max = 180.0))]
     pub sigma_deg: f64,
+    /// Direction of the radio's zero, clockwise from the nose; of the radios only.
+    #[schemars(range(min = -180.0, max = 180.0))]
+    pub mount_deg: f64,
+    /// The last six digits of the beacon's address as a radio hears it [default, 0: those of the one built in]; of the radios only.
+    #[schemars(range(max = 16_777_215))]
+    pub tag: u32,
     /// Signal-to-noise ratio per sample of the waveforms.
     #[schemars(range(min = -30.0, max = 80.0))]
     pub snr_db: Option<f64>,
@@ -303,6 +309,8 @@ impl Default for Bearing {
             only: true,
             model: None,
             sigma_deg: 1.86,
+            mount_deg: 0.0,
+            tag: 0,
             snr_db: None,
             outlier: Outlier::default(),
             dropout: None,

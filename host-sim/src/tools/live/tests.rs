@@ -452,8 +452,11 @@ fn of_two_beacons_that_send_in_turn_the_wanted_address_is_heard() {
                         }
                         match (number == heard, state) {
                             (true, _) => bearing.is_some(),
-                            (false, State::NoBearing(why)) => why == "another transmitter",
-                            _ => false,
+                            // Between two bearings of the wanted one that is nothing to speak of.
+                            (false, state) => {
+                                bearing.is_none() && *state == State::Hearing
+                                    || matches!(state, State::NoBearing(why) if why == "another transmitter")
+                            }
                         }
                     });
                 }
