@@ -102,7 +102,10 @@ impl Seeker {
         let [_, _, tilt] = ownship.to_body(bearing_ned_rad - ownship.yaw_at(at), 0.0);
         let since_s = state.updated.map_or(0.0, |updated| at.seconds_since(updated));
         let fades = 1.0 / (1.0 + since_s / DEPRESSION_MEMORY_S);
-        (state.sunk, state.sunk_weight) = (state.sunk * fades, state.sunk_weight * fades);
+        // Their ratio stays while nothing is added. They do not fade to where only rounding is left of it.
+        if state.sunk_weight > 1.0 {
+            (state.sunk, state.sunk_weight) = (state.sunk * fades, state.sunk_weight * fades);
+        }
         if libm::fabsf(tilt) < LEVEL_RAD && bearing.quality.wavenumber > 0.0 {
             let weight = 1.0 / (bearing.sigma_rad * bearing.sigma_rad + 1e-6);
             let wavenumber = bearing.quality.wavenumber;
@@ -158,6 +161,24 @@ mod tests {
         }
         assert!((state.depression_rad() - depression).abs() < 0.01, "{}", state.depression_rad());
         assert!(worst < 0.002, "{worst}");
+    }
+
+    #[test]
+    fn a_depression_stays_however_long_the_vehicle_leans() {
+        let (seeker, mut state) = (Config::default().build().unwrap(), State::default());
+        let (depression, psi) = (0.1_f32, 0.4_f32);
+        for k in 0..20_000_u64 {
+            let time = k * 20_000;
+            let tilt = if k < 50 { 0.0 } else { 0.12 };
+            let ownship = Ownship { attitude_time: Instant(time), pitch_rad: -tilt, ..Ownship::default() };
+            let [forward, right, _] = ownship.to_body(psi, depression);
+            let mut heard = bearing(time, 0.01);
+            heard.azimuth_rad = libm::atan2f(right, forward);
+            heard.quality.wavenumber = libm::sqrtf(forward * forward + right * right);
+            let error = wrap_pi(seeker.observe(&mut state, &heard, &ownship) - psi);
+            assert!(libm::fabsf(error) < 0.01 || k == 0, "{k}: {error}");
+            assert!((state.depression_rad() - depression).abs() < 0.01, "{k}: {}", state.depression_rad());
+        }
     }
 
     #[test]
