@@ -72,7 +72,9 @@ pub mod observation;
 pub mod search;
 mod stages;
 
-use centring::{ACCEL_MAX_MPS2, CLIMB_MPS, COMMIT_MPS, DESCENT_MAX_MPS, DOWN_ACCEL_MAX_MPS2, SPEED_MAX_MPS, Taken};
+use centring::{
+    ACCEL_MAX_MPS2, CLIMB_MPS, COMMIT_MPS, DESCENT_MAX_MPS, DOWN_ACCEL_MAX_MPS2, LOST_S, SPEED_MAX_MPS, Taken,
+};
 use observation::{PadObservation, Seen};
 
 /// Own position and attitude older than this are not used.
@@ -83,6 +85,8 @@ const FINDER_MAX_M: f32 = 200.0;
 const LAND_ROOM_M: f32 = 0.25;
 /// For so long, without a break.
 const LAND_ROOM_S: f32 = 1.0;
+/// Farther from the beacon, by twice the distance at which it arrives, the autopilot is not asked to land.
+const ASIDE_M: f32 = 2.4;
 
 /// Configuration of the landing.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -396,10 +400,10 @@ impl State {
         self.stage
     }
 
-    /// Height over the pad at that vertical position, if the pad has been seen.
+    /// Height over the pad at that vertical position, once it is the one to land on.
     #[must_use]
     pub fn height_m(&self, down_m: f32) -> Option<f32> {
-        self.track.is_sure().then(|| self.track.height_m(down_m))
+        (self.has_found && self.track.is_sure()).then(|| self.track.height_m(down_m))
     }
 
     fn enter(&mut self, stage: Stage, reason: Option<Reason>, now: Instant) {
@@ -505,13 +509,16 @@ impl Lander {
     }
 
     fn output(&self, state: &State, input: &Input<'_>, demand: Option<(Horizontal, f32)>) -> Output {
-        let target = if state.track.is_sure() {
+        let is_seen = state.has_found && state.stage.is_low() || state.track.unseen_s(input.now) < LOST_S;
+        let target = if state.track.is_sure() && is_seen {
             let (place_ned_m, sigma_m) = (state.track.place_ned_m(), state.track.sigma_m());
             Some(Target { place_ned_m, sigma_m, is_pad: true })
         } else {
             input.fix.map(|fix| Target { place_ned_m: fix.place_ned_m, sigma_m: fix.sigma_m, is_pad: false })
         };
-        let is_above = state.stage == Stage::HandedOver && state.reason == Some(Reason::Arrived);
+        // Somebody may have pushed it aside meanwhile.
+        let is_beside = input.fix.is_some_and(|fix| fix.distance_m > ASIDE_M);
+        let is_above = state.stage == Stage::HandedOver && state.reason == Some(Reason::Arrived) && !is_beside;
         let is_narrow = is_above && self.config.request_land && state.roomy_s < LAND_ROOM_S;
         Output {
             stage: state.stage,

@@ -57,6 +57,11 @@ const HEIGHT_RATE_PER_S: f32 = 2.0;
 /// Assumed height if it is unknown.
 const HEIGHT_ASSUMED_M: f32 = 2.0;
 
+/// Whether a pad is so near to the beacon that it is the beacon's.
+fn belongs(pad_ned_m: Horizontal, beacon_ned_m: Horizontal) -> bool {
+    beacon_ned_m.minus(pad_ned_m).norm_squared() < PAD_FROM_BEACON_M * PAD_FROM_BEACON_M
+}
+
 impl Lander {
     /// Whether the pad is in sight.
     fn is_found(&self, state: &State, now: Instant) -> bool {
@@ -67,7 +72,7 @@ impl Lander {
     pub(super) fn act(&self, state: &mut State, input: &Input<'_>, here: &Here, verdict: Verdict) -> Option<Wish> {
         match state.stage {
             Stage::Seeking => self.seek(state, input, here, verdict),
-            Stage::Approaching => Some(self.approach(state, here, verdict)),
+            Stage::Approaching => Some(self.approach(state, input, here, verdict)),
             Stage::SearchingBeacon => Some(self.search_beacon(state, input, here, verdict)),
             Stage::SearchingPad => Some(self.search_pad(state, input, here)),
             Stage::Centring | Stage::Descending => Some(self.center(state, input, here)),
@@ -119,10 +124,10 @@ impl Lander {
         };
         let known = |estimate: &&Estimate| estimate.covariance_m2[0] + estimate.covariance_m2[2] < 4.0;
         let beacon = by_fix.or(input.estimate.filter(known).map(|estimate| estimate.place_ned_m));
-        beacon.is_some_and(|beacon| beacon.minus(pad).norm_squared() < PAD_FROM_BEACON_M * PAD_FROM_BEACON_M)
+        beacon.is_some_and(|beacon| belongs(pad, beacon))
     }
 
-    fn approach(&self, state: &mut State, here: &Here, verdict: Verdict) -> Wish {
+    fn approach(&self, state: &mut State, input: &Input<'_>, here: &Here, verdict: Verdict) -> Wish {
         let now = here.now;
         let is_there = match verdict {
             Verdict::Arrived(fix) | Verdict::Known(fix) => {
@@ -143,7 +148,7 @@ impl Lander {
             }
             Verdict::Near(_) => false,
         };
-        if self.is_found(state, now) {
+        if self.is_found(state, now) && self.is_of_beacon(state, input, verdict) {
             state.enter(Stage::Centring, None, now);
             return Wish::default();
         }
@@ -183,8 +188,7 @@ impl Lander {
     }
 
     fn begin_pad_search(&self, state: &mut State, center: Horizontal, here: &Here) {
-        let height_m = if state.track.is_sure() { Some(state.track.height_m(here.down_m)) } else { here.height_m };
-        let height_m = height_m.unwrap_or(HEIGHT_ASSUMED_M);
+        let height_m = state.height_m(here.down_m).or(here.height_m).unwrap_or(HEIGHT_ASSUMED_M);
         let pitch_m = Search::camera_pitch_m(height_m, self.config.focal_widths);
         self.search.begin(&mut state.search, center, pitch_m, here.now);
         state.integral_mps = Horizontal::default();
@@ -213,7 +217,8 @@ impl Lander {
     }
 
     fn search_pad(&self, state: &mut State, input: &Input<'_>, here: &Here) -> Wish {
-        if self.is_found(state, here.now) {
+        let is_of_beacon = state.has_found || belongs(state.track.place_ned_m().horizontal(), state.goal_ned_m);
+        if self.is_found(state, here.now) && is_of_beacon {
             state.enter(Stage::Centring, None, here.now);
             return Wish::default();
         }

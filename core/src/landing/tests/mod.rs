@@ -115,6 +115,29 @@ fn shown(place: Ned, yaw_rad: f32, seen: impl Fn(u64) -> Option<Seen>, seconds: 
     shown_late(place, yaw_rad, seen, seconds, 0)
 }
 
+#[test]
+fn a_pad_that_is_not_the_beacon_s_tells_no_height_and_is_no_target_once_it_is_out_of_sight() {
+    let lander = Landing::new(Config { has_camera: true, ..Config::default() });
+    for beside_m in [0.0, 8.0] {
+        let estimate = Estimate { covariance_m2: [0.1, 0.0, 0.1], ..Estimate::default() };
+        let (mut state, mut targets) = (Memory::default(), std::vec::Vec::new());
+        for tick in 0..300 {
+            let micros = 10_000_000 + tick * TICK_US;
+            let ownship = hovering(micros, Ned { north: beside_m, east: 0.0, down: -3.0 }, 0.0);
+            let is_seen = tick < 100 && tick % 5 == 0;
+            let seen = Seen::Pad(pad(0.0, 0.0, 0.25 / 3.0));
+            let look = is_seen.then_some(PadObservation { time: Instant(micros), seen });
+            let input = Told { ownship: Some(&ownship), estimate: Some(&estimate), look, ..nothing(micros) };
+            targets.push(lander.step(&mut state, &input).target.is_some_and(|target| target.is_pad));
+        }
+        let is_beacon_s = beside_m == 0.0;
+        assert_eq!(
+            (state.landing.height_m(-3.0).is_some(), targets[99], targets[299]),
+            (is_beacon_s, true, is_beacon_s)
+        );
+    }
+}
+
 /// The same with delayed detections.
 fn shown_late(place: Ned, yaw_rad: f32, seen: impl Fn(u64) -> Option<Seen>, seconds: f32, late_us: u64) -> Output {
     let lander = Landing::new(Config { has_camera: true, ..Config::default() });

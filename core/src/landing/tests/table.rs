@@ -182,6 +182,13 @@ fn without_a_pad_it_searches_and_says_so() {
 }
 
 #[test]
+fn a_pad_that_is_not_the_beacon_s_is_not_landed_on_however_long_it_is_in_sight() {
+    let high = World { start_ned_m: Ned { down: -10.0, ..Ned::default() }, has_finder: true, ..quiet() };
+    let aside = World { pad_ned_m: Some(Horizontal { north: 5.0, east: 5.5 }), ..high };
+    ends(camera(), aside, Reason::NoPad, Stage::SearchingPad);
+}
+
+#[test]
 fn no_frames_and_bad_frames_are_no_camera() {
     for camera_is in [Camera::Dead, Camera::Bad] {
         ends(camera(), World { camera: camera_is, ..quiet() }, Reason::NoCamera, Stage::Approaching);
@@ -392,21 +399,25 @@ fn a_moment_with_room_beside_it_is_no_place_to_land() {
         Lander { config: Config { request_land: true, ..Config::default() }, ..Config::default().build().unwrap() };
     let mut state = State::default();
     state.enter(Stage::HandedOver, Some(Reason::Arrived), Instant(0));
-    let mut step = |micros: u64, clearance_m: f32| {
+    let mut step = |micros: u64, clearance_m: f32, aside_m: Option<f32>| {
         let ownship = Ownship { position_time: Instant(micros), attitude_time: Instant(micros), ..Ownship::default() };
         let (now, tick_s, poses) = (Instant(micros), 0.02, &crate::base::history::Poses::default());
-        let (height_m, fix, estimate, look, ownship) = (None, None, None, None, Some(&ownship));
+        let (height_m, estimate, look, ownship) = (None, None, None, Some(&ownship));
+        let fix = aside_m.map(|distance_m| Fix { distance_m, ..Fix::default() });
         let (is_landed, is_blocked) = (false, false);
         let input =
             Input { now, ownship, height_m, poses, fix, estimate, look, is_landed, is_blocked, clearance_m, tick_s };
         lander.step(&mut state, &input)
     };
     for tick in 0..500 {
-        let output = step(20_000 * tick, if tick % 40 == 0 { 0.19 } else { 0.28 });
+        let output = step(20_000 * tick, if tick % 40 == 0 { 0.19 } else { 0.28 }, None);
         assert_eq!((output.wants_land, output.reason), (false, Some(Reason::Blocked)), "{tick}");
     }
     for tick in 500..600 {
-        let output = step(20_000 * tick, 0.28);
+        let output = step(20_000 * tick, 0.28, None);
         assert!(output.wants_land == (tick > 530) || tick == 530, "{tick}");
     }
+    // Somebody has pushed it aside.
+    assert!(step(12_020_000, 0.28, Some(1.0)).wants_land);
+    assert!(!step(12_040_000, 0.28, Some(3.0)).wants_land);
 }
