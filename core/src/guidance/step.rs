@@ -19,6 +19,9 @@ use crate::localize::source::near::Fix;
 use crate::planning::planner::{Plan, Searched, Verdict};
 use crate::planning::rollout::WAYPOINTS;
 
+/// A landing begins no longer than this after a bearing: longer than any radio's pause and any turn of one antenna.
+const HEARD_S: f32 = 60.0;
+
 /// What the mission says about this step.
 struct Decision<'a> {
     outcome: Outcome,
@@ -254,8 +257,11 @@ impl<const N: usize> Guidance<N> {
             return;
         }
         let (now, ownship) = (input.now, input.ownship.as_ref());
+        // What was concluded before begins nothing while nothing is heard.
+        let hears = was_landing || state.belief.updated().is_some_and(|at| now.seconds_since(at) < HEARD_S);
         let fix = landing::fresh(ownship, now).and_then(|ownship| self.approach(state, input, bearing, ownship));
-        let estimate = state.belief.direct();
+        let fix = fix.filter(|_| hears);
+        let estimate = state.belief.direct().filter(|_| hears);
         let facts = landing::Input {
             now,
             ownship,

@@ -308,6 +308,42 @@ fn a_bearing_from_before_the_poses_that_are_kept_says_nothing_of_the_last_metres
 }
 
 #[test]
+fn a_beacon_that_was_located_before_and_is_not_heard_any_more_is_not_landed_on() {
+    let config = Config { landing: Some(landing::Config::default()), ..Config::default() };
+    let guidance = config.build::<64>().unwrap();
+    let source = Horizontal { north: 2.0, east: 0.0 };
+    // So long ago it was heard last.
+    let stages = |silent_s: f32| {
+        let (mut state, mut stages) = (guidance.start(), StdVec::new());
+        let heard_until_s = 31.42;
+        for step in 0..((heard_until_s + silent_s + 15.0) / DT) as u32 {
+            let time_s = step as f32 * DT;
+            let now = Instant(5_000_000 + u64::from(step) * 20_000);
+            let is_heard = time_s < heard_until_s;
+            // To and fro before it, and then it stands there.
+            let angle = 0.2 * if is_heard { time_s } else { heard_until_s };
+            let place = Horizontal { north: 0.0, east: 4.0 * libm::sinf(angle) };
+            let east_mps = if is_heard { 0.8 * libm::cosf(angle) } else { 0.0 };
+            let velocity_ned_mps = Ned { east: east_mps, ..Ned::default() };
+            let ownship = Ownship { velocity_ned_mps, ..heard(&Vehicle::new(place, 4, 0.45), now) };
+            let without = Bearing::without(now, Quality::default(), Flags::default());
+            let azimuth_rad = source.minus(place).bearing_rad();
+            let bearing = Bearing { valid: true, azimuth_rad, sigma_rad: 0.01, elevation_sigma_rad: 1.0, ..without };
+            let input = Input {
+                front_end: if is_heard { FrontEnd::Bearing(bearing) } else { FrontEnd::Nothing },
+                ownship: Some(ownship),
+                control: if time_s < heard_until_s + silent_s { Control::NotInControl } else { Control::Granted },
+                ..Input::at(now)
+            };
+            stages.extend(guidance.step(&mut state, &input).landing.map(|landing| landing.stage));
+        }
+        stages
+    };
+    assert!(stages(1.0).iter().any(|stage| *stage != landing::Stage::Seeking), "just heard");
+    assert!(stages(70.0).iter().all(|stage| *stage == landing::Stage::Seeking));
+}
+
+#[test]
 fn the_altitude_held_is_the_first_one_heard_even_when_control_comes_before_it() {
     let mut flight = Flight::new(&[], (30.0, 0.0));
     let report = flight.run(8.0, |step, input| {
