@@ -208,7 +208,7 @@ pub struct PlanRequest {
     /// The first request since the vehicle was handed over: obstacles and source stay known, earlier attempts to reach
     /// it are forgotten.
     pub begins: bool,
-    /// Too soon after another to count as an attempt that was made: it has been requested because something came into the way.
+    /// Too soon after another to count as an attempt of its own, as where something has come into the way.
     pub is_early: bool,
     /// Where the trajectory starts.
     pub start_ned_m: Horizontal,
