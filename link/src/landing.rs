@@ -10,8 +10,8 @@
 //! Both want `position_valid`. Without it ArduPilot takes `angle_x` and `angle_y` for image axes of a camera that looks
 //! down, so that form is not sent. The pad seen by a camera has the type `VISION_OTHER`, the beacon `RADIO_BEACON`.
 //!
-//! `MAV_CMD_NAV_LAND` is sent where the user allows it (`FH_LND_REQ`) and the landing asks for it, a few times, while
-//! the vehicle is in our mode. The autopilot then changes its mode by itself, lands, and disarms; it is never commanded
+//! `MAV_CMD_NAV_LAND` is sent where the user allows it (`FH_LND_REQ`) and the landing asks for it, a few times, right after
+//! a heartbeat that says that the vehicle is in our mode. The autopilot then changes its mode by itself, lands, and disarms; it is never commanded
 //! to change a mode.
 
 use foxhound_core::base::math::sqrt;
@@ -19,9 +19,12 @@ use foxhound_core::base::ned::Ned;
 use foxhound_core::base::time::Instant;
 
 use crate::autopilot::Software;
+use crate::clock::is_over;
 use crate::dialect::{COMMAND_LONG_DATA, LANDING_TARGET_DATA, LandingTargetType, MavCmd, MavFrame};
 
-const REQUEST_PERIOD_US: u64 = 1_000_000;
+/// The autopilot's heartbeat, once a second, sets the pace.
+const REQUEST_PERIOD_US: u64 = 900_000;
+const HEARTBEAT_AGE_MAX_S: f32 = 0.2;
 const REQUESTS_MAX: u8 = 5;
 
 /// Asks the autopilot to land.
@@ -49,6 +52,7 @@ impl Request {
         now: Instant,
         wants: bool,
         obeys: bool,
+        heard: Instant,
         target: (u8, u8),
     ) -> Option<COMMAND_LONG_DATA> {
         if !wants {
@@ -59,7 +63,8 @@ impl Request {
             self.tries = REQUESTS_MAX;
             return None;
         }
-        if self.tries >= REQUESTS_MAX || now < self.due {
+        // Right after a heartbeat: since an older one the pilot may have taken over, and the command would overrule that.
+        if self.tries >= REQUESTS_MAX || now < self.due || is_over(now, heard, HEARTBEAT_AGE_MAX_S) {
             return None;
         }
         let confirmation = self.tries;
@@ -131,7 +136,11 @@ mod tests {
         let mut request = Request::new();
         let mut asked = |from_s: u64, wants: bool| {
             (0..500)
-                .filter_map(|k| request.poll(Instant(from_s * 1_000_000 + k * 20_000), wants, true, (1, 1)))
+                .filter_map(|k| {
+                    let now = Instant(from_s * 1_000_000 + k * 20_000);
+                    // A heartbeat a second.
+                    request.poll(now, wants, true, Instant(now.0 / 1_000_000 * 1_000_000), (1, 1))
+                })
                 .map(|command| (command.command, command.confirmation))
                 .collect::<std::vec::Vec<_>>()
         };
@@ -141,6 +150,10 @@ mod tests {
         assert_eq!(asked(21, true), [], "enough is enough");
         assert_eq!(asked(31, false), []);
         assert_eq!(asked(41, true), all);
+        // Some time after a heartbeat the pilot may have taken over.
+        let (mut request, heard) = (Request::new(), Instant(50_000_000));
+        assert_eq!(request.poll(Instant(50_210_000), true, true, heard, (1, 1)), None);
+        assert!(request.poll(Instant(50_190_000), true, true, heard, (1, 1)).is_some());
     }
 
     #[test]

@@ -276,7 +276,7 @@ impl Companion {
         let is_fresh = |published: &Published| !is_over(now, published.time, self.config.setpoint_age_max_s);
         let wants_land = self.published.filter(is_fresh).is_some_and(|published| published.wants_land);
         let obeys = self.obeys();
-        if let Some(request) = self.landing.poll(now, wants_land, obeys, target) {
+        if let Some(request) = self.landing.poll(now, wants_land, obeys, autopilot.heard, target) {
             self.outbox.post_errand(&request);
         }
         if !self.obeys()

@@ -124,7 +124,19 @@ fn the_autopilot_is_asked_to_land_where_guidance_wants_that_and_the_mode_is_ours
     bench.output = Some(above_the_beacon(true));
     let asked = asked_to_land(&mut bench, 10.0);
     assert_eq!(asked.len(), 5);
-    assert!(asked.windows(2).all(|pair| pair[1] - pair[0] >= 1_000_000), "{asked:?}");
+    assert!(asked.windows(2).all(|pair| pair[1] - pair[0] >= 900_000), "{asked:?}");
+    // Since the last heartbeat the pilot may have chosen another mode.
+    for silent in [false, true] {
+        let mut bench = Bench::flying();
+        bench.output = Some(above_the_beacon(false));
+        bench.run(1.5);
+        let heartbeat = bench.heartbeat.take_if(|_| silent);
+        bench.run(0.3);
+        bench.output = Some(above_the_beacon(true));
+        assert_eq!(asked_to_land(&mut bench, 1.5).is_empty(), silent);
+        bench.heartbeat = heartbeat.or(bench.heartbeat);
+        assert!(!asked_to_land(&mut bench, 1.1).is_empty());
+    }
 }
 
 #[test]
