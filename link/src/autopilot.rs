@@ -16,6 +16,8 @@ use crate::dialect::{
 use crate::framer::Header;
 
 const GUIDED: u32 = 4;
+/// ArduCopter's own, as an aircraft comes near; it may return to the mode before.
+const AVOID_ADSB: u32 = 19;
 const OFFBOARD: u32 = 6;
 
 /// Numbers beyond these come from no copter.
@@ -50,7 +52,7 @@ pub struct Autopilot {
     pub in_mode: bool,
     /// Whether the motors are armed.
     pub armed: bool,
-    /// Whether PX4's own failsafe may have chosen the mode.
+    /// Whether its own failsafe may have chosen the mode, and may choose ours again.
     pub in_failsafe: bool,
     /// When the last heartbeat came.
     pub heard: Instant,
@@ -76,7 +78,12 @@ impl Autopilot {
                 Software::Other => false,
             },
             armed,
-            in_failsafe: software == Software::Px4 && armed && is_critical,
+            in_failsafe: armed
+                && match software {
+                    Software::Px4 => is_critical,
+                    Software::ArduPilot => heartbeat.custom_mode == AVOID_ADSB && is_copter(heartbeat),
+                    Software::Other => false,
+                },
             heard: now,
         })
     }

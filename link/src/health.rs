@@ -100,11 +100,11 @@ impl Health {
 
     pub(crate) fn on_estimator(&mut self, report: &ESTIMATOR_STATUS_DATA) {
         use EstimatorStatusFlags as Flag;
+        // A constant position is told of a vehicle at rest as well, whose position is known.
         let has = |flag: Flag| u32::from(report.flags) & flag as u32 != 0;
         let knows = has(Flag::ESTIMATOR_ATTITUDE)
             && has(Flag::ESTIMATOR_VELOCITY_HORIZ)
-            && (has(Flag::ESTIMATOR_POS_HORIZ_REL) || has(Flag::ESTIMATOR_POS_HORIZ_ABS))
-            && !has(Flag::ESTIMATOR_CONST_POS_MODE);
+            && (has(Flag::ESTIMATOR_POS_HORIZ_REL) || has(Flag::ESTIMATOR_POS_HORIZ_ABS));
         self.estimator_is_bad = !knows;
     }
 

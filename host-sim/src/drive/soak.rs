@@ -276,7 +276,7 @@ impl Soak {
             9 => {
                 for index in 0..100_i64 {
                     self.report.clock_requests += 1;
-                    self.say(&TIMESYNC_DATA { tc1: 0, ts1: index + 1, target_system: 0, target_component: 0 });
+                    self.say(&TIMESYNC_DATA { tc1: 0, ts1: index + 1, target_system: 1, target_component: 191 });
                     self.run(SECOND_US / 20);
                 }
             }

@@ -170,7 +170,7 @@ impl Companion {
         }
         // Of a heartbeat that is no autopilot's nothing follows.
         self.has_crashed &= autopilot.armed || autopilot.software == Software::Other;
-        // PX4 comes back to OFFBOARD by itself from a mode that its failsafe has chosen, which is no word of the pilot.
+        // The autopilot comes back to our mode by itself from one that its failsafe has chosen, which is no word of the pilot.
         if autopilot.may_obey() {
             self.entry_needed |= was_lost;
         } else {
@@ -589,6 +589,10 @@ impl Companion {
             return;
         }
         if timesync.tc1 == 0 {
+            // Others take any answer for their autopilot's.
+            if timesync.target_component == 0 && !self.is_autopilot(header) {
+                return;
+            }
             self.outbox.post_errand(&TIMESYNC_DATA {
                 tc1: nanos(now),
                 ts1: timesync.ts1,

@@ -425,7 +425,9 @@ fn ownship_lost_an_estimator_that_does_not_know_counts_like_silence() {
             };
             flight.bench.say(&report);
         };
-        for bad in [0, 2 | 8, 1 | 8, 1 | 2, good | 128] {
+        // PX4 tells a constant position of every vehicle at rest on the ground as well: there the other flags decide.
+        let constant = if autopilot == PX4 { 1 | 128 } else { good | 128 };
+        for bad in [0, 2 | 8, 1 | 8, 1 | 2, constant] {
             let mut flight = Flight::of(autopilot);
             say(&mut flight, good);
             flight.assert_flies();
@@ -438,6 +440,11 @@ fn ownship_lost_an_estimator_that_does_not_know_counts_like_silence() {
             flight.assert_flies();
         }
     }
+    let mut flight = Flight::of(PX4);
+    let flags = good | 128;
+    flight.bench.say(&MavMessage::ESTIMATOR_STATUS(ESTIMATOR_STATUS_DATA { flags, ..ESTIMATOR_STATUS_DATA::DEFAULT }));
+    flight.run(2.1);
+    flight.assert_flies();
 }
 
 #[test]
@@ -652,6 +659,23 @@ fn a_failsafe_of_px4_lifts_nothing() {
             flight.run(1.1);
             if is_lifted { flight.assert_flies() } else { flight.assert_zero(cause) }
         }
+    }
+}
+
+/// ArduCopter flies out of an aircraft's way in a mode of its own and may return to GUIDED, which is no word of its pilot either.
+#[test]
+fn giving_way_to_an_aircraft_lifts_nothing() {
+    for (mode, is_lifted) in [(19, false), (5, true)] {
+        let mut flight = Flight::of(ARDUPILOT);
+        flight.bench.say(&command(193, 0.0));
+        flight.assert_zero(Cause::Paused);
+        let in_mode = flight.bench.heartbeat.clone().unwrap();
+        flight.bench.heartbeat.as_mut().unwrap().custom_mode = mode;
+        flight.run(1.1);
+        assert_eq!(flight.cause(), Cause::NotInMode);
+        flight.bench.heartbeat = Some(in_mode);
+        flight.run(1.1);
+        if is_lifted { flight.assert_flies() } else { flight.assert_zero(Cause::Paused) }
     }
 }
 

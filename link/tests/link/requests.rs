@@ -226,4 +226,14 @@ fn clock_requests_are_answered_with_our_clock_and_answers_are_not() {
     let MavMessage::TIMESYNC(answer) = &sent[0].message else { panic!() };
     assert_eq!((answer.tc1, answer.ts1), (10_010_000_000, -77));
     assert_eq!((answer.target_system, answer.target_component), (1, 1));
+    // Another program's question to everybody is meant for the autopilot, and it would take our answer for the autopilot's.
+    bench.say_as((1, 240), &MavMessage::TIMESYNC(TIMESYNC_DATA { tc1: 0, ts1: 9, ..TIMESYNC_DATA::DEFAULT }));
+    let to_us = TIMESYNC_DATA { tc1: 0, ts1: 10, target_system: 1, target_component: 191 };
+    bench.say_as((1, 240), &MavMessage::TIMESYNC(to_us));
+    bench.drain();
+    let sent = bench.take_sent();
+    let [answer] = sent.as_slice() else { panic!("{}", sent.len()) };
+    assert!(
+        matches!(&answer.message, MavMessage::TIMESYNC(answer) if answer.ts1 == 10 && answer.target_component == 240)
+    );
 }
