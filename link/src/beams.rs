@@ -4,7 +4,8 @@
 //! in that sector, from the autopilot's own component, with ids from 10 on (`GCS_MAVLink`, `send_proximity`). The
 //! obstacle is somewhere in the sector, not necessarily in its middle, so all nine rays of 5 degrees get that distance.
 //! A sector in which nothing is seen is reported with its `max_distance`; newer versions do not report it until
-//! something has been seen in it.
+//! something has been seen in it. Where nothing is seen in any, no message is sent at all (`AP_Proximity_Boundary_3D`,
+//! `get_layer_distances`), which cannot be told from messages that are lost or not sent here: so nobody is believed to look.
 //!
 //! From other senders, eight orientations make such a sensor once each has been received. Before that, and where the
 //! message says that the beam is narrower, they are single points (`crate::obstacles`).

@@ -3,7 +3,8 @@
 //! `ArduPilot` keeps the least distance of each 45 degrees around the vehicle and reports it as eight
 //! `DISTANCE_SENSOR` messages, with ids from 10 on; a sector in which nothing is seen has the sensor's
 //! `max_distance`. Since about 4.6 a sector is not reported until something has been seen in it \[src: `GCS_MAVLink`,
-//! `send_proximity`\]. `OBSTACLE_DISTANCE` from another component is forwarded.
+//! `send_proximity`\], and nothing at all is where nothing is seen in any of them \[src: `AP_Proximity_Boundary_3D`,
+//! `get_layer_distances`\]. `OBSTACLE_DISTANCE` from another component is forwarded.
 
 use std::f64::consts::FRAC_PI_8;
 
@@ -81,7 +82,9 @@ impl Autopilot {
             }
         } else {
             let max_distance = (sensor.range_m * 100.0) as u16;
-            for (orientation, distance_cm) in (0_u8..).zip(sensor.directions(motion)) {
+            let directions = sensor.directions(motion);
+            let sees = directions.iter().any(Option::is_some);
+            for (orientation, distance_cm) in (0_u8..).zip(directions).filter(|_| sees) {
                 sensor.seen |= u8::from(distance_cm.is_some()) << orientation;
                 if sensor.told == Told::DirectionsOnceSeen && sensor.seen >> orientation & 1 == 0 {
                     continue;

@@ -205,6 +205,16 @@ fn posts_in_directions_that_are_told_only_once_something_was_seen_are_not_touche
 }
 
 #[test]
+fn an_ardupilot_that_tells_nothing_of_its_sensor_since_nothing_is_near_is_waited_for() {
+    // The only post stands beside the start, and is soon out of sight.
+    let beside = vec![Obstacle { x: 1.5, y: -1.0, r: 0.2, ..Obstacle::default() }];
+    for posts in [beside, Vec::new()] {
+        let ended = Flown::new(Provider::Autopilot, posts, 1).with_sensor(Told::DirectionsOnceSeen, 3.0, 10.0).fly();
+        assert!(!ended.reached && !ended.collided && ended.reason == Outcome::StaleObstacles, "{ended:?}");
+    }
+}
+
+#[test]
 fn posts_that_only_the_autopilots_72_sectors_see_are_not_touched_from_2_to_10_hz() {
     for provider in [Provider::Unsaid, Provider::Autopilot, Provider::File(Vec::new())] {
         for rate_hz in [2.0, 5.0, 10.0] {
