@@ -18,8 +18,9 @@ use super::value::number;
 const SIGMA_DEG: std::ops::RangeInclusive<f64> = 0.1..=60.0;
 /// Range of the largest age of a bearing.
 const AGE_S: std::ops::RangeInclusive<f64> = 0.02..=10.0;
-/// Changes of the state are reported no more often than that.
+/// Changes of the state are reported no more often than that, and those of its reason alone.
 const PERIOD: Duration = Duration::from_millis(500);
+const REASON_PERIOD: Duration = Duration::from_secs(5);
 
 #[derive(Args, Debug)]
 pub(super) struct RadioArgs {
@@ -114,7 +115,9 @@ impl Bearings for Radio {
     fn poll(&mut self, now: Instant) -> Option<Bearing> {
         let bearing = self.live.poll(now);
         self.heard += u64::from(bearing.is_some());
-        if self.live.state() != &self.shown && self.told.is_none_or(|told| told.elapsed() >= PERIOD) {
+        let (state, shown) = (self.live.state(), &self.shown);
+        let period = if state.name() == shown.name() { REASON_PERIOD } else { PERIOD };
+        if state != shown && self.told.is_none_or(|told| told.elapsed() >= period) {
             self.shown = self.live.state().clone();
             self.told = Some(time::Instant::now());
             warn(&format!("radio: {}", self.shown));

@@ -141,6 +141,11 @@ impl Given {
         })
     }
 
+    /// The value of a parameter, given or not.
+    fn of(&self, name: &str) -> Option<f32> {
+        Id::named(name.as_bytes()).map(|id| self.values.get(id))
+    }
+
     /// Writes what the given parameters say of the vehicle and its obstacle sensor into the simulated ones.
     pub fn describe(&self, scenario: &mut Scenario) {
         let given = |name: &str| self.ids.iter().find(|id| id.name() == name).map(|id| self.values.get(*id));
@@ -156,22 +161,28 @@ impl Given {
             Some(_) if was_radio => bearing.model = None,
             _ => {}
         }
-        let is_radio = matches!(bearing.model, Some(BearingModel::Uudf | BearingModel::Hci));
-        if let Some(tag) = given("FH_BRG_TAG").filter(|_| is_radio) {
-            bearing.tag = tag as u32;
-        }
-        let of_radio = [("FH_BRG_YAW", &mut bearing.mount_deg), ("FH_BRG_SIGMA", &mut bearing.sigma_deg)];
-        let of_radio = of_radio.into_iter().filter(|_| is_radio);
-        let of_vehicle = [
+        // The number that was written, which one of 32 bits only comes near to.
+        let write = |value: f32, field: &mut f64| *field = value.to_string().parse().unwrap_or(*field);
+        for (name, field) in [
             ("FH_RADIUS", drone_radius),
             ("FH_OBS_RANGE", &mut sensor.range_m),
             ("FH_OBS_FOV", &mut sensor.fov_deg),
             ("FH_OBS_TURN", &mut sensor.turn_s),
-        ];
-        for (name, field) in of_vehicle.into_iter().chain(of_radio) {
+        ] {
             if let Some(value) = given(name) {
-                // The number that was written, which one of 32 bits only comes near to.
-                *field = value.to_string().parse().unwrap_or(*field);
+                write(value, field);
+            }
+        }
+        if matches!(bearing.model, Some(BearingModel::Uudf | BearingModel::Hci)) {
+            // A radio that the scenario has not is wholly that of the parameters, which have defaults.
+            let of_radio = |name: &str| given(name).or((!was_radio).then(|| self.of(name)).flatten());
+            for (name, field) in [("FH_BRG_YAW", &mut bearing.mount_deg), ("FH_BRG_SIGMA", &mut bearing.sigma_deg)] {
+                if let Some(value) = of_radio(name) {
+                    write(value, field);
+                }
+            }
+            if let Some(tag) = of_radio("FH_BRG_TAG") {
+                bearing.tag = tag as u32;
             }
         }
         // A simulated turn takes no longer, and goes the usual way round.
@@ -290,6 +301,25 @@ the [factory reset](maintenance.md).
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_simulated_radio_is_the_one_that_the_given_parameters_describe() {
+        let described = |text: &str, model: Option<BearingModel>| {
+            let mut given = Given::default();
+            given.parse(text).unwrap();
+            let mut scenario = Scenario::default();
+            (scenario.bearing.model, scenario.bearing.sigma_deg) = (model, 3.0);
+            given.describe(&mut scenario);
+            let bearing = scenario.bearing;
+            (bearing.model, bearing.sigma_deg, bearing.mount_deg, bearing.tag)
+        };
+        let (uudf, hci) = (Some(BearingModel::Uudf), Some(BearingModel::Hci));
+        assert_eq!(described("FH_BRG_SRC = 1", None), (uudf, 8.0, 0.0, 0), "the parameters' defaults");
+        assert_eq!(described("FH_BRG_SRC = 1\nFH_BRG_YAW = -90\nFH_BRG_TAG = 7", None), (uudf, 8.0, -90.0, 7));
+        assert_eq!(described("FH_BRG_SIGMA = 5", hci), (hci, 5.0, 0.0, 0), "and else those of the scenario");
+        assert_eq!(described("FH_BRG_YAW = 10", None), (None, 3.0, 0.0, 0), "without a radio");
+        assert_eq!(described("FH_BRG_SRC = 0", uudf).0, None);
+    }
 
     #[test]
     fn the_simulated_vehicle_is_the_one_that_the_given_parameters_describe() {

@@ -299,7 +299,7 @@ impl Live {
             let may_be_silent =
                 matches!(self.state, State::Hearing | State::Stale | State::NoBearing(_) | State::Refused(_));
             if may_be_silent && here.duration_since(self.last) > SILENT {
-                self.state = State::Silent;
+                (self.state, self.nothing) = (State::Silent, None);
             }
             self.miss(here);
             return None;
@@ -309,7 +309,7 @@ impl Live {
             self.last = here;
             match event {
                 Event::Measured(measured) if here.saturating_duration_since(measured.at) > self.options.age_max => {
-                    self.state = State::Stale;
+                    (self.state, self.nothing) = (State::Stale, None);
                 }
                 Event::Measured(measured) => {
                     self.state = State::Hearing;
@@ -320,8 +320,8 @@ impl Live {
                     }
                 }
                 Event::Nothing(why) => self.nothing = Some(why),
-                Event::Refused(why) => self.state = State::Refused(why),
-                Event::Lost(why) => self.state = State::Lost(why),
+                Event::Refused(why) => (self.state, self.nothing) = (State::Refused(why), None),
+                Event::Lost(why) => (self.state, self.nothing) = (State::Lost(why), None),
             }
         }
         self.miss(here);
