@@ -90,20 +90,20 @@ impl<'a> Receiver<'a> {
     fn report(&mut self, bearing: &bearing::Bearing) -> Vec<u8> {
         let is_known = std::mem::replace(&mut self.is_synchronised, true);
         let mut bytes = if is_known { Vec::new() } else { iq::synchronised(HANDLE, self.address()) };
-        bytes.extend(iq::report(&ARRAY, HANDLE, self.from_zero_rad(bearing), OFFSET_HZ));
+        bytes.extend(iq::report(&ARRAY, HANDLE, self.off_zero_rad(bearing), OFFSET_HZ));
         bytes
     }
 
     /// The line of a radio that has measured this; `None` behind it.
     fn uudf(&self, bearing: &bearing::Bearing) -> Option<String> {
-        let azimuth_deg = self.from_zero_rad(bearing).to_degrees();
+        let azimuth_deg = self.off_zero_rad(bearing).to_degrees();
         let (address, time_ms) = (self.address(), bearing.time.0 / 1000);
         (azimuth_deg.abs() <= 90.0)
             .then(|| format!("+UUDF:{address:012X},-56,{azimuth_deg:.0},0,0,37,\"6C1DEBA79D14\",\"\",{time_ms},0\r\n"))
     }
 
     /// From the radio's zero, which need not be the nose.
-    fn from_zero_rad(&self, bearing: &bearing::Bearing) -> f64 {
+    fn off_zero_rad(&self, bearing: &bearing::Bearing) -> f64 {
         let mount_rad = self.mission.scenario.bearing.mount_deg.to_radians();
         if mount_rad == 0.0 { bearing.azimuth_rad.into() } else { wrap_pi(f64::from(bearing.azimuth_rad) - mount_rad) }
     }
