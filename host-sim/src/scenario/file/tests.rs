@@ -251,9 +251,10 @@ fn parsed(path: &[String], value: f64) -> Result<Scenario, String> {
     if path.iter().any(|key| key == "track") {
         scenario["people"] = json!([{"track": [[0, 5, 5], [1, 6, 5]]}]);
     }
-    if path.iter().any(|key| ["place_bias_deg", "rate_hz"].contains(&key.as_str())) {
-        // Of the noise model only, in which there are no channels.
-        scenario["bearing"]["model"] = json!("noise");
+    let is_of_radio = path.iter().any(|key| ["mount_deg", "tag"].contains(&key.as_str()));
+    if is_of_radio || path.iter().any(|key| ["place_bias_deg", "rate_hz"].contains(&key.as_str())) {
+        // Of a radio or the noise model only, in which there are no channels.
+        scenario["bearing"]["model"] = json!(if is_of_radio { "uudf" } else { "noise" });
         scenario["other_beacons"] = json!([]);
         (scenario["antenna"], scenario["faults"]["dead_channels"]) = (Value::Null, json!([null, null, null, null]));
     }
@@ -264,7 +265,7 @@ fn parsed(path: &[String], value: f64) -> Result<Scenario, String> {
             other => &mut other[key.as_str()],
         };
     }
-    let is_whole = ["random count", "camera width", "camera height", "0 group", "sensor rays"]
+    let is_whole = ["bearing tag", "random count", "camera width", "camera height", "0 group", "sensor rays"]
         .iter()
         .any(|whole| path.len() > 1 && path[path.len() - 2..].join(" ") == **whole);
     *place = if is_whole { json!(value as i64) } else { json!(value) };
