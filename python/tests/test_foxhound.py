@@ -152,7 +152,7 @@ class Bearings(unittest.TestCase):
 
 
 class Flights(unittest.TestCase):
-    def assert_same(self, flight, *arguments):
+    def assert_same(self, flight, *arguments, radius_m=0.15):
         printed = json.loads(command("fly", "--json", *arguments))
         path, obstacles = flight.pop("path"), flight.pop("obstacles")
         self.assertEqual(flight, printed)
@@ -161,7 +161,7 @@ class Flights(unittest.TestCase):
         self.assertAlmostEqual(length_m, printed["path_length_m"], delta=0.03)
         self.assertEqual({column.shape for column in path.values()}, {(round(printed["time_s"] / 0.02),)})
         apart_m = np.hypot(*(path[axis][:, None] - obstacles[axis] for axis in ("north_m", "east_m")))
-        clearance_m = (apart_m - obstacles["radius_m"]).min() - 0.15
+        clearance_m = (apart_m - obstacles["radius_m"]).min() - radius_m
         self.assertAlmostEqual(clearance_m, printed["min_clearance_m"], delta=0.01)
 
     def test_the_built_in_mission(self):
@@ -180,7 +180,7 @@ class Flights(unittest.TestCase):
             options = {"seed": 5, "snr_db": 10.0, "planner": "paper", "params": params}
             arguments = ["--seed", 5, "--snr-db", 10, "--planner", "paper", "--params", file.parent / "params.toml"]
             for given in (scenario, file, str(file)):
-                self.assert_same(foxhound.fly(given, **options), "--scenario", file, *arguments)
+                self.assert_same(foxhound.fly(given, **options), "--scenario", file, *arguments, radius_m=0.2)
 
     def test_a_suite(self):
         with tempfile.TemporaryDirectory() as folder:
