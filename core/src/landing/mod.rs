@@ -85,8 +85,8 @@ const FINDER_MAX_M: f32 = 200.0;
 const LAND_ROOM_M: f32 = 0.25;
 /// For so long, without a break.
 const LAND_ROOM_S: f32 = 1.0;
-/// Farther from the beacon, by twice the distance at which it arrives, the autopilot is not asked to land.
-const ASIDE_M: f32 = 2.4;
+/// Farther from the beacon, in distances at which it arrives, the autopilot is not asked to land.
+const ASIDE: f32 = 2.0;
 
 /// Configuration of the landing.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -517,7 +517,7 @@ impl Lander {
             input.fix.map(|fix| Target { place_ned_m: fix.place_ned_m, sigma_m: fix.sigma_m, is_pad: false })
         };
         // Somebody may have pushed it aside meanwhile.
-        let is_beside = input.fix.is_some_and(|fix| fix.distance_m > ASIDE_M);
+        let is_beside = input.fix.is_some_and(|fix| fix.distance_m > ASIDE * self.config.arrival.arrive_m);
         let is_above = state.stage == Stage::HandedOver && state.reason == Some(Reason::Arrived) && !is_beside;
         let is_narrow = is_above && self.config.request_land && state.roomy_s < LAND_ROOM_S;
         Output {
