@@ -73,7 +73,7 @@ const PATH_STEP_M: f32 = 1.0;
 const SHUT_IN_M: f32 = 0.5;
 /// A path with less than this left has ended.
 const PATH_MIN_M: f32 = 0.6;
-/// Replans without progress, of 50 s or more, after which no new path is searched and only a path to the source from
+/// Replans without progress, the early ones left out, after which no new path is searched and only a path to the source from
 /// the wide window is followed. After twice as many the vehicle stops. `CREDIT` is the number of replans that one step
 /// of progress gives back.
 const SPENT_MAX: u16 = 80;

@@ -114,6 +114,11 @@ fn the_sigma_of_a_tone_without_a_band_is_its_error() {
 /// The array file of `docs/hardware/radios.md`.
 fn kraken() -> (Vec<[f64; 2]>, RadioArray) {
     let antennas_m = [[0.2, 0.0], [0.062, 0.190], [-0.162, 0.118], [-0.162, -0.118], [0.062, -0.190]];
+    for (number, [forward, right]) in antennas_m.into_iter().enumerate() {
+        // As the maker has them: clockwise, a fifth of a turn each.
+        let off_deg = f64::atan2(right, forward).to_degrees() - 72.0 * number as f64;
+        assert!((off_deg - 360.0 * (off_deg / 360.0).round()).abs() < 0.5, "antenna {number}");
+    }
     let text = format!(
         "wavelength_m = 0.6909\nantennas_m = {antennas_m:?}\nsample_rate_hz = 2.4e6\ntone_band_hz = [-12.5e3, 12.5e3]\nsigma_floor_deg = 3.0\n"
     );
