@@ -15,6 +15,7 @@
 //! 32 bits): a firmware with other parameters, or the same in another order, reads those that it knows. No two names
 //! of the table have the same hash (a test).
 
+use foxhound_core::base::units::between;
 use foxhound_core::doa::calibration::record::{RECORD_BYTES, crc32};
 use foxhound_core::guidance::param::{COUNT, Id, Values};
 use sequential_storage::map::{SerializationError, Value};
@@ -128,7 +129,7 @@ fn hash(id: Id) -> u32 {
     name.fold(0x811C_9DC5, |hash, byte| (hash ^ u32::from(*byte)).wrapping_mul(0x0100_0193))
 }
 
-/// Restored parameters, and how many could not be used: unknown by now, or refused.
+/// Restored parameters, and how many could not be used as stored: unknown by now, or out of their range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Restored {
     /// The values, with defaults for those not stored.
@@ -143,7 +144,13 @@ pub(super) fn parameters(record: &[u8]) -> Option<Restored> {
     for &[a, b, c, d, value @ ..] in entries {
         let kept = u32::from_le_bytes([a, b, c, d]);
         let id = Id::all().find(|id| hash(*id) == kept);
-        let is_taken = id.is_some_and(|id| restored.values.set(id, f32::from_le_bytes(value)).is_ok());
+        let value = f32::from_le_bytes(value);
+        let is_taken = id.is_some_and(|id| restored.values.set(id, value).is_ok());
+        if let Some(id) = id.filter(|_| !is_taken) {
+            // Its range was wider once: the nearest to what was wanted. What is no number stays the default.
+            let (min, max) = id.range();
+            let _ = restored.values.set(id, between(value, min, max));
+        }
         restored.dropped = restored.dropped.saturating_add(u8::from(!is_taken));
     }
     rest.is_empty().then_some(restored)
@@ -240,6 +247,10 @@ mod tests {
         record.extend([1, 2, 3, 4, 0, 0, 0x80, 0x3f]);
         record.extend(tail);
         record[13..17].copy_from_slice(&1e9_f32.to_le_bytes());
+        values.set(param::FH_SPD_MAX, param::FH_SPD_MAX.range().1).unwrap();
+        assert_eq!(parameters(&record), Some(Restored { values, dropped: 2 }), "the nearest");
+        record[13..17].copy_from_slice(&f32::NAN.to_le_bytes());
+        values.set(param::FH_SPD_MAX, param::FH_SPD_MAX.default()).unwrap();
         assert_eq!(parameters(&record), Some(Restored { values, dropped: 2 }));
         // An older one had fewer.
         record.truncate(1 + 8);

@@ -60,7 +60,7 @@ impl News {
         match self {
             Self::ParametersLost => "Foxhound: parameters lost: defaults, does not seek",
             Self::ParametersRefused => "Foxhound: parameters do not fit: does not seek",
-            Self::ParametersDropped => "Foxhound: some stored parameters are defaults",
+            Self::ParametersDropped => "Foxhound: stored parameters changed, check them",
             Self::CalibrationLost => "Foxhound: stored calibration lost",
             Self::KeyLost => "Foxhound: stored key lost: signs nothing",
             Self::TimestampLost => "Foxhound: stored time of the key lost",
