@@ -34,12 +34,15 @@ const CELLS: [(&str, &str); 17] = [
     ("autopilot_restarted", "killed in flight, started anew, taken off, given back; reached"),
     (
         "companion_restarted",
-        "killed in flight, started anew after 2 s; ArduPilot: stands until its pilot enters the mode again; PX4 leaves and enters it by itself; reached",
+        "killed in flight, started anew after 2 s; PX4 leaves and enters the mode by itself; stands until its pilot enters it again; reached",
     ),
     ("battery", "critical, the autopilot's own action off: holds"),
     ("fence", "breached; ArduPilot only tells, PX4 holds: stands"),
     ("signing", "both sides sign; every frame of the companion is signed; reached"),
-    ("landing", "`FH_LND_MODE` 1 and `FH_LND_REQ` 1; reached, landed by the autopilot, disarmed"),
+    (
+        "landing",
+        "`FH_LND_MODE` 1 and `FH_LND_REQ` 1, no post within 1.5 m of the beacon; reached, landed by the autopilot, disarmed",
+    ),
     ("pad", "`FH_LND_MODE` 2 and `FH_LND_REQ` 1, a simulated camera (`--pad`); reached, landed on the pad, disarmed"),
     ("landing_qemu", "the same as `landing` by the firmware in QEMU"),
     ("pad_qemu", "the same as `pad` by the firmware in QEMU"),

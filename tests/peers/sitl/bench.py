@@ -120,6 +120,8 @@ class Bench:
             (*place(along + self.random.uniform(-0.4, 0.4), self.random.uniform(-1.3, 1.3)), self.random.uniform(0.1, 0.3))
             for along in alongs
         ]
+        if self.lands():  # it asks for no landing beside something
+            self.posts = [post for post in self.posts if math.dist(post[:2], self.beacon) > 1.5]
         posts = [{"x": east, "y": north, "r": r} for north, east, r in self.posts]
         (self.dir / "posts.json").write_text(json.dumps({"obstacles": posts}))
         if self.cell == "pad":

@@ -269,13 +269,11 @@ class Flight(Bench):
         self.way()
         self.kill("companion")
         self.pump(2.0)
-        if self.kind == "px4":  # leaves the mode by itself, which its next heartbeat tells
+        if self.kind == "px4":  # leaves the mode by itself, which its next heartbeat tells, and enters it when setpoints come again
             self.wait("left the mode", lambda: not self.is_in_control(), 5)
         self.moved_at = self.setpoint_at = None
         told = len(self.told)
         self.start_companion()
-        if not self.is_in_control():  # PX4 has left it by itself, and enters it when setpoints come again
-            return None
         self.wait("a fresh entry asked for", lambda: any("enter it again" in text for text in self.told[told:]), 30)
         if not self.stands():
             return "it flew on in the mode that it was started in"
