@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
-use foxhound_sim::study::gusts::{Row, SCENES, STRONG, Scene, WEATHERS, Weather, roomy, row};
+use foxhound_sim::study::gusts::{Row, SCENES, STRONG, Scene, WANDERING, WEATHERS, Weather, roomy, row};
 use foxhound_sim::study::seeds;
 
 /// How many of the hundred flights of `docs/results/gusts.md` are flown here, with the same seeds.
@@ -50,6 +50,13 @@ fn in_gusts_of_three_metres_a_second_no_pillar_is_touched() {
         let row = flown(scene, "gusts, sigma 3 m/s");
         assert!(row.collided.is_empty() && row.reached as f64 >= 0.9 * FLIGHTS as f64, "{row:?}");
     }
+}
+
+/// Where the autopilot's position wanders by 0.2 m, as no velocity tells, no random pillar is touched, and at least 95 % arrive.
+#[test]
+fn where_the_position_wanders_random_pillars_are_passed() {
+    let row = row(scene("forest, scan"), &WANDERING[1], seeds::test(FLIGHTS), |_| ()).unwrap();
+    assert!(row.collided.is_empty() && row.reached as f64 >= 0.95 * FLIGHTS as f64, "{row:?}");
 }
 
 /// The margin for gusts costs at most 30 % more time in gusts, and the clearance is larger than in calm air.

@@ -96,6 +96,12 @@ impl Agreement {
         self.frozen_m = if to_m == from_m { stays * self.frozen_m + led_m.norm() } else { 0.0 };
     }
 
+    /// How far the positions are by now from where the velocities led in the last second.
+    #[must_use]
+    pub fn apart_m(&self) -> f32 {
+        self.apart_m.norm()
+    }
+
     /// The contradiction found since the last release, if any.
     #[must_use]
     pub const fn found(&self) -> Option<Stale> {

@@ -15,7 +15,7 @@ use crate::base::time::Instant;
 use crate::base::units::wrap_pi;
 use crate::doa::bearing::{Bearing, BearingEstimator};
 use crate::landing::Stage;
-use crate::mapping::scan::{self, Points, Refusal, Scan, Segmentation};
+use crate::mapping::scan::{self, Doubts, Points, Refusal, Scan, Segmentation};
 use crate::signal::phase::Phasors;
 
 /// The position at the time of a measurement is known from one no farther away in time than this.
@@ -160,9 +160,8 @@ impl<const N: usize> Guidance<N> {
         }
         state.surroundings.lost_rays.note(scan);
         if scan.is_fine() {
-            let velocity_ned_mps = velocity(state);
-            let loses_rays = state.surroundings.lost_rays.are_many();
-            state.surroundings.tracks.observe_rays(scan, &pose, velocity_ned_mps, loses_rays);
+            let (velocity_ned_mps, doubts) = (velocity(state), doubts(state));
+            state.surroundings.tracks.observe_rays(scan, &pose, velocity_ned_mps, doubts);
         }
         Self::map_scan(state, now, scan, pose)
     }
@@ -172,13 +171,13 @@ impl<const N: usize> Guidance<N> {
         let mut look = Segmentation::default();
         let velocity_ned_mps = velocity(state);
         scan::fit_into(&mut look, scan, &pose, velocity_ned_mps)?;
-        let loses_rays = state.surroundings.lost_rays.are_many();
+        let doubts = doubts(state);
         if !scan.is_fine() {
-            state.surroundings.tracks.observe(scan, &pose, velocity_ned_mps, &look.points_m, loses_rays);
+            state.surroundings.tracks.observe(scan, &pose, velocity_ned_mps, &look.points_m, doubts);
         }
         let (centers_ned_m, radius_m) = state.surroundings.tracks.left_by();
         state.surroundings.map.vacate(now, &centers_ned_m, radius_m);
-        state.surroundings.map.observe_scan(now, scan, &pose, &look, loses_rays);
+        state.surroundings.map.observe_scan(now, scan, &pose, &look, doubts.loses_rays);
         Ok(pose)
     }
 
@@ -195,6 +194,11 @@ impl<const N: usize> Guidance<N> {
 /// The vehicle's velocity over the ground.
 fn velocity<const N: usize>(state: &State<N>) -> Horizontal {
     state.vehicle.ownship.map_or_else(Horizontal::default, |own| own.velocity_ned_mps.horizontal())
+}
+
+/// What speaks against what the present scan shows.
+fn doubts<const N: usize>(state: &State<N>) -> Doubts {
+    Doubts { loses_rays: state.surroundings.lost_rays.are_many(), apart_m: state.vehicle.agreement.apart_m() }
 }
 
 /// A scan as it would be if the vehicle had not yawed while the sensor turned; `None` without an attitude.

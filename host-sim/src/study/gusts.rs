@@ -13,7 +13,7 @@ use super::flight;
 use crate::drive::flight::{Ending, Report};
 use crate::drive::maps::rows::{self, Rows};
 use crate::scenario::input::InputError;
-use crate::scenario::{Obstacle, Scenario, VehicleModel, Wind};
+use crate::scenario::{Obstacle, Position, Scenario, VehicleModel, Wind};
 
 /// A kind of world to fly through.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -85,7 +85,7 @@ impl Scene {
     /// The scenario is refused, or its pillars do not fit.
     pub fn scenario(&self, weather: &Weather, seed: u64) -> Result<Scenario, InputError> {
         let mut scenario = Scenario::parse(self.text)?;
-        scenario.wind = weather.wind;
+        (scenario.wind, scenario.position) = (weather.wind, weather.position);
         scenario.vehicle.model = VehicleModel::Arducopter;
         if let Some(recipe) = &self.rows {
             let pillars = rows::rows(recipe, seed).into_iter();
@@ -102,10 +102,16 @@ pub struct Weather {
     pub name: &'static str,
     /// The wind.
     pub wind: Option<Wind>,
+    /// What the autopilot's position is off by.
+    pub position: Option<Position>,
 }
 
 const fn gusts(name: &'static str, gust_mps: f64) -> Weather {
-    Weather { name, wind: Some(Wind { vx: 3.0, vy: 0.0, gust_mps, gust_s: 2.0 }) }
+    Weather { name, wind: Some(Wind { vx: 3.0, vy: 0.0, gust_mps, gust_s: 2.0 }), position: None }
+}
+
+const fn wandering(name: &'static str, drift_m: f64) -> Weather {
+    Weather { name, wind: None, position: Some(Position { noise_m: 0.01, drift_m, drift_s: 20.0 }) }
 }
 
 /// The gusts that worlds with space for the margin should stand.
@@ -113,13 +119,20 @@ pub const STRONG: Weather = gusts("gusts, sigma 2.5 m/s", 2.5);
 
 /// The weathers.
 pub const WEATHERS: [Weather; 7] = [
-    Weather { name: "calm", wind: None },
+    Weather { name: "calm", wind: None, position: None },
     gusts("gusts, sigma 0.5 m/s", 0.5),
     gusts("gusts, sigma 1 m/s", 1.0),
     gusts("gusts, sigma 1.5 m/s", 1.5),
     gusts("gusts, sigma 2 m/s", 2.0),
     STRONG,
     gusts("gusts, sigma 3 m/s", 3.0),
+];
+
+/// Calm air, and a position that wanders.
+pub const WANDERING: [Weather; 3] = [
+    wandering("position wanders by 0.1 m", 0.1),
+    wandering("position wanders by 0.2 m", 0.2),
+    wandering("position wanders by 0.3 m", 0.3),
 ];
 
 /// Results of the flights of one scene in one weather.

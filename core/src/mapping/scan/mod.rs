@@ -87,6 +87,9 @@ pub enum Sector {
     Hit(f32),
 }
 
+/// Positions and velocities of a steady autopilot are no farther apart.
+const STEADY_M: f32 = 0.02;
+
 /// One sweep of an obstacle sensor, in the body frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scan {
@@ -103,6 +106,23 @@ pub struct Scan {
     pub range_max_m: f32,
     /// Its measurements.
     pub rays: Rays,
+}
+
+/// What speaks against what a scan shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Doubts {
+    /// Its sensor loses rays.
+    pub loses_rays: bool,
+    /// How far the vehicle's position is from where its velocities led within the last second.
+    pub apart_m: f32,
+}
+
+impl Doubts {
+    /// [`Self::apart_m`], or 0 where it is as little as an autopilot's noise and delays make it.
+    #[must_use]
+    pub fn wandered_m(&self) -> f32 {
+        if self.apart_m > STEADY_M { self.apart_m } else { 0.0 }
+    }
 }
 
 impl Scan {

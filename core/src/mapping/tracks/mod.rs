@@ -24,7 +24,7 @@ use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
 use crate::base::units::{between, nearest, wrap_pi};
-use crate::mapping::scan::{RAYS_MAX, Ranges, Scan};
+use crate::mapping::scan::{Doubts, RAYS_MAX, Ranges, Scan};
 
 mod cluster;
 mod noise;
@@ -73,6 +73,8 @@ const SIGMA_MPS: f32 = 1.5;
 const MOVING_MIN_MPS: f32 = 0.25;
 /// A track's speed must exceed its sigma by this factor to count as moving.
 const MOVING_SIGMAS: f32 = 2.5;
+/// A position that has wandered looks like a speed of everything, built up in this time.
+const WANDERS_S: f32 = 0.3;
 /// A scan is not taken for older than this.
 const LATE_MAX_S: f32 = 0.3;
 /// A track that is out of sight is forgotten after this long.
@@ -139,14 +141,14 @@ impl Track {
         self.scans = self.scans.saturating_add(1);
     }
 
-    /// Updates it by a scan of its object.
-    fn follow(&mut self, seen: &Cluster) {
+    /// Updates it by a scan of its object. Whatever stands may seem to move at `wanders_mps`.
+    fn follow(&mut self, seen: &Cluster, wanders_mps: f32) {
         self.update(seen);
         if seen.was_free {
             self.through_s = 0.0;
         }
         let doubt_mps = MOVING_SIGMAS * sqrt(self.covariance[2]);
-        let least_mps = if doubt_mps > MOVING_MIN_MPS { doubt_mps } else { MOVING_MIN_MPS };
+        let least_mps = wanders_mps + if doubt_mps > MOVING_MIN_MPS { doubt_mps } else { MOVING_MIN_MPS };
         self.moves = self.scans >= SCANS_MIN
             && self.through_s < THROUGH_S
             && self.velocity_ned_mps.norm_squared() > least_mps * least_mps;
@@ -214,7 +216,7 @@ impl Kept {
 /// use foxhound_core::base::ned::Horizontal;
 /// use foxhound_core::base::pose::Pose;
 /// use foxhound_core::base::time::Instant;
-/// use foxhound_core::mapping::scan::{Scan, Sector};
+/// use foxhound_core::mapping::scan::{Doubts, Scan, Sector};
 /// use foxhound_core::mapping::tracks::Tracks;
 ///
 /// let mut tracks = Tracks::default();
@@ -232,7 +234,7 @@ impl Kept {
 ///     let scan =
 ///         Scan { time, turn_s: 0.0, first_azimuth_rad: -0.71, step_rad: 0.02, range_max_m: 5.0, rays: rays.collect() };
 ///     tracks.advance(time);
-///     tracks.observe_rays(&scan, &Pose::default(), Horizontal::default(), false);
+///     tracks.observe_rays(&scan, &Pose::default(), Horizontal::default(), Doubts::default());
 /// }
 /// let [track] = tracks.all() else { panic!("{tracks:?}") };
 /// assert!(track.moves() && (track.velocity_ned_mps.east - 1.0).abs() < 0.15, "{track:?}");
@@ -347,17 +349,17 @@ impl Tracks {
 
     /// Takes in a scan of more rays than circles are made from, as [`Self::observe`] does, each ray for itself.
     #[inline(never)]
-    pub fn observe_rays(&mut self, scan: &Scan, pose: &Pose, velocity_ned_mps: Horizontal, loses_rays: bool) {
+    pub fn observe_rays(&mut self, scan: &Scan, pose: &Pose, velocity_ned_mps: Horizontal, doubts: Doubts) {
         if !scan.is_plausible() || !pose.is_plausible() {
             return;
         }
         let mut hits: Vec<Horizontal, RAYS_MAX> = Vec::new();
         scan.hits_into(&mut hits, pose.yaw_rad, velocity_ned_mps);
-        self.observe(scan, pose, velocity_ned_mps, &hits, loses_rays);
+        self.observe(scan, pose, velocity_ned_mps, &hits, doubts);
     }
 
-    /// Takes in a scan, after [`Self::advance`] to its step, and where it hits, from where it was taken and in order; and whether its
-    /// sensor loses rays.
+    /// Takes in a scan, after [`Self::advance`] to its step, and where it hits, from where it was taken and in order; and what is to be
+    /// doubted about it.
     #[inline(never)]
     pub fn observe(
         &mut self,
@@ -365,8 +367,9 @@ impl Tracks {
         pose: &Pose,
         velocity_ned_mps: Horizontal,
         hits: &[Horizontal],
-        loses_rays: bool,
+        doubts: Doubts,
     ) {
+        let (loses_rays, wanders_mps) = (doubts.loses_rays, doubts.wandered_m() / WANDERS_S);
         let mut clusters: Vec<Cluster, CLUSTERS_MAX> = Vec::new();
         let late_s = self.time.map_or(0.0, |now| between(now.seconds_since(scan.time), 0.0, LATE_MAX_S));
         self.noise.take(scan);
@@ -379,7 +382,7 @@ impl Tracks {
         self.scanned = Some(scan.time);
         for seen in &clusters {
             if let Some(track) = seen.track.and_then(|track| self.tracks.get_mut(usize::from(track))) {
-                track.follow(seen);
+                track.follow(seen, wanders_mps);
             }
         }
         for seen in clusters.iter().filter(|seen| seen.track.is_none()) {

@@ -47,6 +47,8 @@ struct Watch {
     /// Share of the rays that are lost, and whether the tracks are told.
     lost: f32,
     loses_rays: bool,
+    /// How far positions and velocities are apart.
+    apart_m: f32,
     /// Sigma of a range.
     noise_m: f32,
 }
@@ -58,7 +60,11 @@ impl Watch {
 
     fn with_rays(fov_deg: f32, rays: usize) -> Self {
         let (view, tracks) = ((fov_deg, rays), Tracks::default());
-        Self { tracks, now_s: 1.0, view, lost: 0.0, loses_rays: false, noise_m: 0.0 }
+        Self { tracks, now_s: 1.0, view, lost: 0.0, loses_rays: false, apart_m: 0.0, noise_m: 0.0 }
+    }
+
+    fn doubts(&self) -> Doubts {
+        Doubts { loses_rays: self.loses_rays, apart_m: self.apart_m }
     }
 
     fn look(&mut self, pose: &Pose, circles: &[(Horizontal, f32)]) {
@@ -83,10 +89,10 @@ impl Watch {
         }
         self.tracks.advance(now);
         if scan.is_fine() {
-            return self.tracks.observe_rays(&scan, pose, Horizontal::default(), self.loses_rays);
+            return self.tracks.observe_rays(&scan, pose, Horizontal::default(), self.doubts());
         }
         let look = scan::fit(&scan, pose).unwrap();
-        self.tracks.observe(&scan, pose, Horizontal::default(), &look.points_m, self.loses_rays);
+        self.tracks.observe(&scan, pose, Horizontal::default(), &look.points_m, self.doubts());
     }
 
     fn moving(&self) -> StdVec<Track> {
@@ -167,7 +173,7 @@ fn a_turn_during_which_all_move_is_seen_as_it_was() {
                     let worst_m = off.map(|away_m| (away_m - RADIUS_M).abs()).fold(0.0, f32::max);
                     assert!(worst_m < 0.02, "{yaw_rate_radps} {fov_deg}: beside the pillar by {worst_m}");
                 }
-                tracks.observe_rays(&scan, &pose(middle_s), velocity_ned_mps, false);
+                tracks.observe_rays(&scan, &pose(middle_s), velocity_ned_mps, Doubts::default());
             }
             let moving: StdVec<&Track> = tracks.all().iter().filter(|track| track.moves()).collect();
             let [track] = moving[..] else { panic!("{yaw_rate_radps} {fov_deg}: {:?}", tracks.all()) };
@@ -252,6 +258,27 @@ fn noise_makes_nobody_of_a_wall() {
         }
         assert_eq!(followed, 20, "{noise_m}");
     }
+}
+
+/// The autopilot's position slides to the east by half a metre a second for half a second, and its velocity does not tell.
+#[test]
+fn posts_do_not_move_because_the_position_does() {
+    let posts = [(2.0, -1.0), (2.5, 0.2), (1.8, 1.0)].map(|(north, east)| (Horizontal { north, east }, 0.2));
+    let movers = |is_told: bool| {
+        let mut watch = Watch::with_rays(90.0, 72);
+        let mut movers = 0;
+        for look in 0..20_u8 {
+            let slid_m = 0.05 * f32::from(look.saturating_sub(5).min(5));
+            watch.apart_m = if is_told { slid_m } else { 0.0 };
+            let pose = Pose { position_ned_m: Horizontal { north: 0.0, east: slid_m }, yaw_rad: 0.0 };
+            let seen = posts.map(|(center, radius_m)| (Horizontal { east: center.east + slid_m, ..center }, radius_m));
+            watch.look(&pose, &seen);
+            movers += watch.moving().len();
+        }
+        movers
+    };
+    assert!(movers(false) > 3, "{}", movers(false));
+    assert_eq!(movers(true), 0);
 }
 
 /// A ray that was lost says of a place that it was free.

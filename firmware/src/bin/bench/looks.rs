@@ -9,7 +9,7 @@ use foxhound_core::base::rng::Rng;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::wrap_pi;
 use foxhound_core::mapping::map::Map;
-use foxhound_core::mapping::scan::{self, RAYS_MAX, SECTORS_MAX, Scan, Sector};
+use foxhound_core::mapping::scan::{self, Doubts, RAYS_MAX, SECTORS_MAX, Scan, Sector};
 use foxhound_core::mapping::tracks::Tracks;
 
 use crate::row;
@@ -36,9 +36,9 @@ pub(super) fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             tracks.advance(now);
             let follow = measure(&mut || {
                 if scan.is_fine() {
-                    tracks.observe_rays(black_box(&scan), &pose, Horizontal::default(), false);
+                    tracks.observe_rays(black_box(&scan), &pose, Horizontal::default(), Doubts::default());
                 } else {
-                    tracks.observe(&scan, &pose, Horizontal::default(), black_box(&seen.points_m), false);
+                    tracks.observe(&scan, &pose, Horizontal::default(), black_box(&seen.points_m), Doubts::default());
                 }
             });
             (worst, worst_follow) = (worst.max(fit + take), worst_follow.max(follow));

@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use foxhound_core::guidance;
 
-use super::{Row, SCENES, STRONG, Scene, WEATHERS, Weather, roomy, row};
+use super::{Row, SCENES, STRONG, Scene, WANDERING, WEATHERS, Weather, roomy, row};
 use crate::scenario::input::InputError;
 use crate::study::{Campaign, seeds};
 
@@ -75,6 +75,13 @@ pub fn page(settings: &Campaign) -> Result<String, InputError> {
         }
     }
 
+    let _ = write!(text, "\n## Where the position wanders\n\n{WANDERS}\n\n{HEAD}");
+    for scene in SCENES.iter().filter(|scene| AMONG_PILLARS.contains(&scene.name)) {
+        for weather in &WANDERING {
+            line(&mut text, tell, scene, weather, seeds(IN_THE_TABLE.min(flights)))?;
+        }
+    }
+
     let flown = FOR_A_VALUE.min(flights);
     let _ = write!(
         text,
@@ -93,6 +100,11 @@ pub fn page(settings: &Campaign) -> Result<String, InputError> {
     Ok(text)
 }
 
+/// Where obstacles leave the view while they are passed.
+const AMONG_PILLARS: [&str; 3] = ["pillars, scan", "forest, scan", "thicket, scan"];
+const WANDERS: &str = "In calm air, with 1 cm of noise in every position, and an error that wanders with this standard deviation and a time constant of 20 s: a \
+                       random\nwalk of 3, 6 and 10 cm in the root of a second, which the velocities do not tell. What has left the view is by then \
+                       somewhere else.";
 const HEAD: &str = "| scene | weather | flights | collisions | reached | mean time, s | clearance, m: least, tenth percentile |\n\
                     |---|---|---|---|---|---|---|\n";
 
