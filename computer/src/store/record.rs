@@ -146,8 +146,8 @@ pub(super) fn parameters(record: &[u8]) -> Option<Restored> {
         let id = Id::all().find(|id| hash(*id) == kept);
         let value = f32::from_le_bytes(value);
         let is_taken = id.is_some_and(|id| restored.values.set(id, value).is_ok());
-        if let Some(id) = id.filter(|_| !is_taken) {
-            // Its range was wider once: the nearest to what was wanted. What is no number stays the default.
+        if let Some(id) = id.filter(|id| !is_taken && !id.is_whole()) {
+            // Its range was wider once: the nearest to what was wanted. What is no number stays the default, and so does a choice.
             let (min, max) = id.range();
             let _ = restored.values.set(id, between(value, min, max));
         }

@@ -3,7 +3,7 @@
 //! | stored | what the vehicle does |
 //! |---|---|
 //! | parameters, all of them known and in range | flies with them |
-//! | parameters, some unknown or out of range by now | flies with the others and the defaults of those, and reports it |
+//! | parameters, some unknown or out of range by now | flies with the others, for a value out of range with the nearest in it, for a choice with the default, and reports it until they are stored again |
 //! | parameters that do not fit each other | reports it, and holds with the outcome `Uncalibrated`: with the defaults, without a calibration, and with `FH_CAL_REQ` on, until the pilot has switched it off, or has stored the parameters and restarted |
 //! | parameters whose newest record is damaged | the same; and does not move until parameters are stored, or everything is reset |
 //! | a calibration whose newest record is damaged | reports it, and does not move until a calibration is stored, or everything is reset |
