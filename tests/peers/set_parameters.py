@@ -90,7 +90,7 @@ check(not drain("PARAM_VALUE"), "a list of the autopilot's is not ours to tell")
 params = mavparm.MAVParmDict()
 # At their ends these do not fit the defaults of others.
 at_odds = {"FH_MARGIN_TGT", "FH_WAVELEN", "FH_ARR_SIDE", "FH_SMP_RATE", "FH_TONE", "FH_TONE_LO", "FH_TONE_HI", "FH_RADIUS",
-           "FH_STALL_R"}
+           "FH_STALL_R", "FH_MARGIN_GRD"}
 for row in table:
     wanted = row["min"] if row["whole"] and row["default"] != row["min"] else row["max"]
     if row["name"] in at_odds:

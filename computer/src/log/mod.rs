@@ -47,7 +47,7 @@ use ring::{Full, Producer};
 use secret::Mask;
 
 /// Version of the records.
-pub const LAYOUT: u8 = 12;
+pub const LAYOUT: u8 = 13;
 /// Frames from one with samples to the next.
 const CODES_EVERY: u8 = 50;
 /// Bytes of the samples of one frame: 12 bits each.

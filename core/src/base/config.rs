@@ -43,11 +43,13 @@ pub struct RangeSensor {
     /// How long a scan takes that does not tell it, from its first ray to its last; negative: from the last to the first; 0: all
     /// rays at once.
     pub turn_s: f32,
+    /// How old what it saw is when it arrives: of a scan its last ray, of points all.
+    pub lag_s: f32,
 }
 
 impl RangeSensor {
     /// The default, as a constant.
-    pub const DEFAULT: Self = Self { range_m: 3.0, fov_rad: FRAC_PI_2, turn_s: 0.0 };
+    pub const DEFAULT: Self = Self { range_m: 3.0, fov_rad: FRAC_PI_2, turn_s: 0.0, lag_s: 0.0 };
 
     /// Checks the values.
     ///
@@ -56,6 +58,7 @@ impl RangeSensor {
     pub fn check(&self) -> Result<(), ConfigError> {
         check("sensor.range_m", self.range_m, 0.35, 100.0)?;
         check("sensor.turn_s", self.turn_s, -0.3, 0.3)?;
+        check("sensor.lag_s", self.lag_s, 0.0, 0.15)?;
         check("sensor.fov_rad", self.fov_rad, 0.1, TAU).map(drop)
     }
 

@@ -1,15 +1,17 @@
 //! The configuration of the whole chain, checked and built module by module.
 
+use core::f32::consts::PI;
+
 use super::{Guidance, mission, turning};
 use crate::base::config::{RangeSensor, Vehicle};
 use crate::base::error::{ConfigError, Why, check};
+use crate::base::ned::Horizontal;
 use crate::base::units::between;
 use crate::control::track::FASTEST_MPS;
 use crate::control::{evade, guard, vehicle_model, wind};
 use crate::doa::{array, bearing, radio};
 use crate::landing;
 use crate::localize::belief::Localizer;
-use crate::localize::goal;
 use crate::localize::source::bank;
 use crate::mapping::lidar;
 use crate::planning::planner::{self, Planner};
@@ -18,6 +20,10 @@ use crate::signal::phase;
 
 /// After a brake plan the next one is requested after this long.
 const RETRY_S: f32 = 0.5;
+/// What comes into the sensor's range is known by a tenth of a second later; at 1 m/s, and a little more.
+const UNSEEN_M: f32 = 0.12;
+/// The pose of the middle of a scan is known for so long.
+const OLDEST_S: f32 = 0.25;
 
 /// Configuration of the whole chain, module by module.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,8 +55,8 @@ pub struct Config {
     pub source: bank::Config,
     /// Whether reflections are considered.
     pub reflections: bool,
-    /// Temporary target.
-    pub goal: goal::Config,
+    /// Position of the source, if it is known beforehand. Bearings are still needed: they show that it is received.
+    pub known_source_ned_m: Option<Horizontal>,
     /// Planner.
     pub planner: planner::Config,
     /// Model of how the vehicle follows setpoints.
@@ -84,7 +90,7 @@ impl Default for Config {
             lidar: None,
             source: bank::Config::DEFAULT,
             reflections: true,
-            goal: goal::Config::default(),
+            known_source_ned_m: None,
             planner: planner::Config::default(),
             vehicle_model: vehicle_model::Config::default(),
             wind: wind::Config::default(),
@@ -113,15 +119,19 @@ impl Config {
         check("tick_s", self.tick_s, 0.005, 0.1)?;
         check("replan_at_waypoint", f32::from(self.replan_at_waypoint), 1.0, WAYPOINTS as f32)?;
         check("replan_after_s", self.replan_after_s, 0.3, 60.0)?;
+        if let Some(place) = self.known_source_ned_m {
+            for metres in [place.north, place.east] {
+                check("known_source_ned_m", metres, -1e5, 1e5)?;
+            }
+        }
         if let Some(lidar) = &self.lidar {
             lidar.check()?;
         }
         if let Some(radio) = &self.radio {
             radio.check()?;
             if self.lidar.is_some() || self.turning.is_some() {
-                let why = Why::Inconsistent(
-                    "not with a lidar, which has the same line, nor with turning, which needs waveforms",
-                );
+                // They share a line with the one, and need waveforms for the other.
+                let why = Why::Inconsistent("not with a lidar or turning");
                 return Err(ConfigError { field: "radio", value: 1.0, why });
             }
         }
@@ -130,14 +140,27 @@ impl Config {
         let guard = self.guard.build(&self.vehicle, &self.sensor)?;
         self.sensor.check_beyond(self.vehicle.radius_m)?;
         self.sensor.check_beside(self.vehicle.radius_m, self.guard.coverage.smallest_obstacle_m)?;
-        // From rest, and no faster than it follows a path.
+        // No faster than it follows a path.
         let v_mps = if self.guard.v_max_mps < FASTEST_MPS { self.guard.v_max_mps } else { FASTEST_MPS };
-        let moves_s = (self.mission.stall_s - vehicle_model.delay_s()).max(0.0);
+        let hull_m = self.vehicle.radius_m + self.guard.margin_m + UNSEEN_M;
+        let old_s = self.sensor.lag_s + 0.5 * self.sensor.turn_s.abs();
+        if old_s > OLDEST_S || old_s + 0.1 > self.mission.obstacles_age_max_s {
+            let why = Why::Inconsistent("with the time of a turn, older than what is used");
+            return Err(ConfigError { field: "sensor.lag_s", value: self.sensor.lag_s, why });
+        }
+        let late_s = vehicle_model.delay_s() + old_s;
+        let stops_m = hull_m + v_mps * late_s + v_mps * v_mps / (1.4 * self.guard.a_max_mps2);
+        if self.mission.obstacles_required && stops_m > self.sensor.range_m {
+            let why = Why::Inconsistent("too fast to stop within the sensor's range");
+            return Err(ConfigError { field: "guard.v_max_mps", value: self.guard.v_max_mps, why });
+        }
+        // From rest, and with its back to the goal.
+        let turns_s = (PI - 0.5 * self.sensor.fov_rad) / self.guard.yaw_rate_max_radps;
+        let moves_s = (self.mission.stall_s - turns_s - vehicle_model.delay_s()).max(0.0);
         let speeds_up_s = between(v_mps / self.guard.a_max_mps2, 0.0, moves_s);
         let moves_m = 0.5 * self.guard.a_max_mps2 * speeds_up_s * speeds_up_s + v_mps * (moves_s - speeds_up_s);
         if moves_m < 1.8 * self.mission.stall_radius_m {
-            let why =
-                Why::Inconsistent("too slow to move well beyond the stall radius in the stall time: it would give up");
+            let why = Why::Inconsistent("too slow to leave the stall radius in the stall time");
             return Err(ConfigError { field: "guard.v_max_mps", value: self.guard.v_max_mps, why });
         }
         let stop_m = guard.stop_m(vehicle_model.delay_s());
@@ -150,11 +173,11 @@ impl Config {
             plan_margin_m: 0.5 * self.planner.margin_m,
             stop_m,
             turn_s: self.sensor.turn_s,
-            target_distance_m: self.goal.target_distance_m,
-            known_source_ned_m: self.goal.known_source_ned_m,
+            lag_us: (1e6 * self.sensor.lag_s) as u32,
+            known_source_ned_m: self.known_source_ned_m,
             phase: self.phase.build()?,
             bearing: self.bearing.build(self.array.build()?)?,
-            localizer: Localizer::build(&self.goal, &self.source, self.landing.is_some(), self.reflections)?,
+            localizer: Localizer::build(&self.source, self.landing.is_some(), self.reflections)?,
             searches: self.planner.explore.is_some(),
             vehicle_model,
             wind: self.wind.build(&vehicle_model, self.tick_s)?,
@@ -198,7 +221,7 @@ mod tests {
                 ("planner", planner.into()),
                 ("search", search.into()),
                 ("near", std::format!("{:?}", guidance.plan_margin_m)),
-                ("scan", std::format!("{:?}", guidance.turn_s)),
+                ("scan", std::format!("{:?} {:?}", guidance.turn_s, guidance.lag_us)),
                 ("evader", std::format!("{:?}", guidance.evade)),
                 ("wind", std::format!("{:?}", guidance.wind)),
                 ("vehicle model", std::format!("{:?}", guidance.vehicle_model)),
@@ -210,11 +233,12 @@ mod tests {
             turning: Some(turning::Config::default()),
             ..Config::default()
         };
-        let facts: [Fact; 9] = [
+        let facts: [Fact; 10] = [
             (|c| c.vehicle.radius_m = 0.2, &["guard", "planner", "search"]),
             (|c| c.sensor.range_m = 4.0, &["guard", "planner"]),
             (|c| c.sensor.fov_rad = 3.0, &["guard", "planner"]),
             (|c| c.sensor.turn_s = 0.1, &["guard", "planner", "scan"]),
+            (|c| c.sensor.lag_s = 0.1, &["guard", "planner", "scan"]),
             (|c| c.planner.margin_m = 0.1, &["planner", "search", "near"]),
             (|c| c.guard.v_max_mps = 2.0, &["guard", "evader"]),
             (|c| c.guard.a_max_mps2 = 3.0, &["guard", "evader"]),

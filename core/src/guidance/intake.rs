@@ -109,9 +109,13 @@ impl<const N: usize> Guidance<N> {
         let now = input.now;
         let vehicle = &state.vehicle;
         let pose = |time: Instant| pose_at(vehicle, time);
-        let scan = input.scan.and_then(|scan| straightened(vehicle, scan.clone().lasting(self.turn_s)));
+        let measured = |told: Instant| Instant(told.0.saturating_sub(self.lag_us.into()));
+        let scan = input.scan.and_then(|scan| {
+            let scan = Scan { time: measured(scan.time), ..scan.clone() };
+            straightened(vehicle, scan.lasting(self.turn_s))
+        });
         let from_circles = input.circles.map(|circles| (circles, pose(now)));
-        let from_points = input.points.map(|points| (points, pose(points.time)));
+        let from_points = input.points.map(|points| (points, pose(measured(points.time))));
         let from_scan = scan.as_ref().map(|scan| (scan, pose(scan.time)));
         state.surroundings.map.advance(now);
         state.surroundings.tracks.advance(now);

@@ -184,7 +184,7 @@ impl Config {
     pub fn build(&self) -> Result<Mission, ConfigError> {
         check("mission.position_age_max_s", self.position_age_max_s, 0.02, OLDEST_POSITION_S)?;
         check("mission.attitude_age_max_s", self.attitude_age_max_s, 0.02, 5.0)?;
-        check("mission.obstacles_age_max_s", self.obstacles_age_max_s, 0.05, 10.0)?;
+        check("mission.obstacles_age_max_s", self.obstacles_age_max_s, 0.15, 10.0)?;
         check("mission.bearing_age_max_s", self.bearing_age_max_s, 0.05, 60.0)?;
         check("mission.no_path_max_s", self.no_path_max_s, 2.0, 600.0)?;
         check("mission.stall_s", self.stall_s, 1.0, 600.0)?;

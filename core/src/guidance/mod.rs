@@ -179,7 +179,7 @@ pub struct Guidance<const N: usize> {
     plan_margin_m: f32,
     stop_m: f32,
     turn_s: f32,
-    target_distance_m: f32,
+    lag_us: u32,
     known_source_ned_m: Option<Horizontal>,
     phase: phase::Extractor<N>,
     bearing: bearing::BearingEstimator,

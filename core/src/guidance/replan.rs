@@ -10,6 +10,9 @@ use crate::mapping::tracks::Track;
 use crate::planning::planner::{Answer, Learn, Search};
 use crate::planning::rollout::WAYPOINTS;
 
+/// Distance of the temporary target along the bearing, until a place of the source is known (main paper, section IV).
+const TARGET_DISTANCE_M: f32 = 2.0;
+
 impl<const N: usize> Guidance<N> {
     /// Takes the planner's answer and lets it take effect at its step.
     pub(super) fn take_over(&self, state: &mut State<N>, answer: Option<&Answer>) {
@@ -72,7 +75,7 @@ impl<const N: usize> Guidance<N> {
         let direction =
             state.belief.around_the_corner(situation.position_ned_m).unwrap_or(Horizontal::from_bearing(bearing_rad));
         let along_m = start_ned_m.minus(situation.position_ned_m).dot(direction);
-        let distance_m = self.target_distance_m + if along_m > 0.0 { along_m } else { 0.0 };
+        let distance_m = TARGET_DISTANCE_M + if along_m > 0.0 { along_m } else { 0.0 };
         let request = &mut state.plans.request;
         request.id = request.id.wrapping_add(1);
         request.seed = self.seed;

@@ -621,6 +621,7 @@ fn what_is_near_is_as_far_as_the_vehicle_needs_to_stop() {
         let mut config = Config::default();
         (config.guard.v_max_mps, config.guard.evade_max_mps, config.guard.a_max_mps2) =
             (v_max_mps, evade_max_mps, a_max_mps2);
+        config.sensor.range_m = 100.0;
         let guidance = config.build::<64>().unwrap();
         let (mut state, post_m) = (guidance.start(), 150.0);
         let post = Circle { center_ned_m: Horizontal { north: post_m, east: 0.0 }, radius_m: 0.5, ..Circle::default() };

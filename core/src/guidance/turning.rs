@@ -270,7 +270,6 @@ mod tests {
     use crate::base::units::wrap_pi;
     use crate::doa::bearing::Quality;
     use crate::localize::belief::{self, Localizer};
-    use crate::localize::goal;
     use crate::localize::source::bank;
     use crate::signal::phase::Complex;
     use std::vec::Vec;
@@ -307,7 +306,7 @@ mod tests {
         fn new(config: &Config, source: Horizontal) -> Self {
             Self {
                 turning: config.build(&mission::Config::default(), 2.5).unwrap(),
-                localizer: Localizer::build(&goal::Config::default(), &bank::Config::default(), false, false).unwrap(),
+                localizer: Localizer::build(&bank::Config::default(), false, false).unwrap(),
                 belief: belief::State::default(),
                 pattern: config.rotating.pattern,
                 state: State::default(),

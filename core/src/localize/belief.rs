@@ -32,7 +32,6 @@ const SURE: f32 = 0.7;
 /// The configured stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Localizer {
-    goal: goal::Seeker,
     bank: bank::FilterBank,
     /// Whether the last metres matter.
     near: bool,
@@ -75,8 +74,8 @@ impl Localizer {
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(goal: &goal::Config, bank: &bank::Config, near: bool, reflections: bool) -> Result<Self, ConfigError> {
-        Ok(Self { goal: goal.build()?, bank: bank.build()?, near, reflections, slack_m: bank.slack_m })
+    pub fn build(bank: &bank::Config, near: bool, reflections: bool) -> Result<Self, ConfigError> {
+        Ok(Self { bank: bank.build()?, near, reflections, slack_m: bank.slack_m })
     }
 
     /// Processes an array's bearing, usable or not; returns its direction from north, clockwise, if it is usable.
@@ -91,7 +90,7 @@ impl Localizer {
         let sane =
             libm::fabsf(bearing.azimuth_rad) <= 100.0 && bearing.sigma_rad.is_finite() && bearing.sigma_rad > 0.0;
         let ownship = ownship?;
-        let bearing_ned_rad = (bearing.valid && sane).then(|| self.goal.observe(&mut state.average, bearing, ownship));
+        let bearing_ned_rad = (bearing.valid && sane).then(|| state.average.observe(bearing, ownship));
         if self.reflections {
             self.classify(state, bearing, bearing_ned_rad, ownship, walls);
         }
@@ -125,7 +124,7 @@ impl Localizer {
             explaining.and_then(from_here).unwrap_or((rotation.bearing_ned_rad, sighting.sigma_rad));
         let joined = Rotation { bearing_ned_rad, sigma_rad, retained: 0.0, ..*rotation };
         let bearing = joined.bearing(ownship, state.average.depression_rad());
-        let usable = bearing.valid.then(|| self.goal.observe(&mut state.average, &bearing, ownship));
+        let usable = bearing.valid.then(|| state.average.observe(&bearing, ownship));
         (bearing, usable)
     }
 

@@ -1,4 +1,4 @@
-//! The temporary target: a point at a fixed distance on the source's bearing (main paper, section III-A and IV: 2 m).
+//! The averaged direction of the source, along which the temporary target lies (main paper, section III-A).
 //!
 //! A beacon usually lies below the vehicle, and a tilted array then measures a wrong azimuth. The depression angle is
 //! estimated from the wavenumber, whose square is one minus the square of the direction's vertical component, while the
@@ -9,7 +9,6 @@
 //! longer the memory of the average: a tenth of a second for good ones, a second or two for bearings of 10 or 20
 //! degrees.
 
-use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::ownship::Ownship;
@@ -25,43 +24,6 @@ const DEPRESSION_MEMORY_S: f32 = 1.0;
 /// Averaging time of perfect bearings, and that added per radian of the bearings' sigma.
 const MEMORY_MIN_S: f32 = 0.1;
 const MEMORY_S_PER_RAD: f32 = 6.0;
-
-/// Configuration of the goal.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Config {
-    /// Distance of the temporary target.
-    pub target_distance_m: f32,
-    /// Position of the source, if it is known beforehand. Bearings are still needed: they show that it is received.
-    pub known_source_ned_m: Option<Horizontal>,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self { target_distance_m: 2.0, known_source_ned_m: None }
-    }
-}
-
-impl Config {
-    /// Checks the configuration.
-    ///
-    /// # Errors
-    /// The field that is out of range.
-    pub fn build(&self) -> Result<Seeker, ConfigError> {
-        check("goal.target_distance_m", self.target_distance_m, 0.5, 20.0)?;
-        if let Some(place) = self.known_source_ned_m {
-            check("goal.known_source_ned_m.north", place.north, -1e5, 1e5)?;
-            check("goal.known_source_ned_m.east", place.east, -1e5, 1e5)?;
-        }
-        Ok(Seeker { config: *self })
-    }
-}
-
-/// The configured stage.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seeker {
-    config: Config,
-}
 
 /// The averaged direction of the source.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -92,30 +54,28 @@ impl State {
     pub fn updated(&self) -> Option<Instant> {
         self.updated
     }
-}
 
-impl Seeker {
     /// Processes a valid bearing and returns its direction, from north, clockwise.
-    pub fn observe(&self, state: &mut State, bearing: &Bearing, ownship: &Ownship) -> f32 {
+    pub fn observe(&mut self, bearing: &Bearing, ownship: &Ownship) -> f32 {
         let at = bearing.time;
-        let bearing_ned_rad = ownship.bearing_ned_rad(bearing.azimuth_rad, state.depression_rad(), at);
+        let bearing_ned_rad = ownship.bearing_ned_rad(bearing.azimuth_rad, self.depression_rad(), at);
         let [_, _, tilt] = ownship.to_body(bearing_ned_rad - ownship.yaw_at(at), 0.0);
-        let since_s = state.updated.map_or(0.0, |updated| at.seconds_since(updated));
+        let since_s = self.updated.map_or(0.0, |updated| at.seconds_since(updated));
         let fades = 1.0 / (1.0 + since_s / DEPRESSION_MEMORY_S);
         // Their ratio stays while nothing is added. They do not fade to where only rounding is left of it.
-        if state.sunk_weight > 1.0 {
-            (state.sunk, state.sunk_weight) = (state.sunk * fades, state.sunk_weight * fades);
+        if self.sunk_weight > 1.0 {
+            (self.sunk, self.sunk_weight) = (self.sunk * fades, self.sunk_weight * fades);
         }
         if libm::fabsf(tilt) < LEVEL_RAD && bearing.quality.wavenumber > 0.0 {
             let weight = 1.0 / (bearing.sigma_rad * bearing.sigma_rad + 1e-6);
             let wavenumber = bearing.quality.wavenumber;
-            state.sunk += weight * (1.0 - wavenumber * wavenumber);
-            state.sunk_weight += weight;
+            self.sunk += weight * (1.0 - wavenumber * wavenumber);
+            self.sunk_weight += weight;
         }
         let direction = Horizontal::from_bearing(bearing_ned_rad);
         let sigma_rad = if bearing.sigma_rad > 1e-3 { bearing.sigma_rad } else { 1e-3 };
         let weight = 1.0 / (sigma_rad * sigma_rad);
-        let kept = match state.updated {
+        let kept = match self.updated {
             None => 0.0,
             Some(updated) => {
                 let memory_s = MEMORY_MIN_S + MEMORY_S_PER_RAD * sigma_rad;
@@ -124,8 +84,8 @@ impl Seeker {
                 1.0 / (1.0 + age + 0.5 * age * age)
             }
         };
-        state.sum = state.sum.times(kept).plus(direction.times(weight));
-        state.updated = Some(at);
+        self.sum = self.sum.times(kept).plus(direction.times(weight));
+        self.updated = Some(at);
         bearing_ned_rad
     }
 }
@@ -143,7 +103,7 @@ mod tests {
 
     #[test]
     fn a_source_below_is_found_through_a_tilt_once_its_depression_is_known() {
-        let (seeker, mut state) = (Config::default().build().unwrap(), State::default());
+        let mut state = State::default();
         let (depression, psi) = (0.5_f32, 0.8_f32);
         let mut worst = 0.0_f32;
         for k in 0..200_u64 {
@@ -156,7 +116,7 @@ mod tests {
             let mut heard = bearing(time, 0.0025);
             heard.azimuth_rad = libm::atan2f(right, forward);
             heard.quality.wavenumber = libm::sqrtf(forward * forward + right * right);
-            let error = wrap_pi(seeker.observe(&mut state, &heard, &ownship) - psi);
+            let error = wrap_pi(state.observe(&heard, &ownship) - psi);
             worst = if k > 0 && libm::fabsf(error) > worst { libm::fabsf(error) } else { worst };
         }
         assert!((state.depression_rad() - depression).abs() < 0.01, "{}", state.depression_rad());
@@ -165,7 +125,7 @@ mod tests {
 
     #[test]
     fn a_depression_stays_however_long_the_vehicle_leans() {
-        let (seeker, mut state) = (Config::default().build().unwrap(), State::default());
+        let mut state = State::default();
         let (depression, psi) = (0.1_f32, 0.4_f32);
         for k in 0..20_000_u64 {
             let time = k * 20_000;
@@ -175,7 +135,7 @@ mod tests {
             let mut heard = bearing(time, 0.01);
             heard.azimuth_rad = libm::atan2f(right, forward);
             heard.quality.wavenumber = libm::sqrtf(forward * forward + right * right);
-            let error = wrap_pi(seeker.observe(&mut state, &heard, &ownship) - psi);
+            let error = wrap_pi(state.observe(&heard, &ownship) - psi);
             assert!(libm::fabsf(error) < 0.01 || k == 0, "{k}: {error}");
             assert!((state.depression_rad() - depression).abs() < 0.01, "{k}: {}", state.depression_rad());
         }
@@ -183,14 +143,13 @@ mod tests {
 
     #[test]
     fn noisy_bearings_are_averaged_longer_than_good_ones_and_across_the_wrap() {
-        let seeker = Config::default().build().unwrap();
         for (sigma, expected) in [(0.0025_f32, 0.002), (0.35, 0.10)] {
             let (mut state, mut rng) = (State::default(), Rng::new(5, 0));
             let mut squares = 0.0;
             for k in 0..2000_u64 {
                 let heard = wrap_pi(core::f32::consts::PI + sigma * rng.gaussian());
                 let turned = Ownship { yaw_rad: heard, ..Ownship::default() };
-                seeker.observe(&mut state, &bearing(k * 20_000, sigma), &turned);
+                state.observe(&bearing(k * 20_000, sigma), &turned);
                 if k >= 1000 {
                     let error = wrap_pi(state.source_bearing_ned_rad().unwrap() - core::f32::consts::PI);
                     squares += error * error;

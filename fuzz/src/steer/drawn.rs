@@ -83,6 +83,7 @@ pub(super) fn sensor(draw: &mut Draw<'_>) -> RangeSensor {
     RangeSensor {
         fov_rad: draw.field(usual.fov_rad, 0.1, 2.0 * PI),
         turn_s: draw.field(usual.turn_s, 0.0, 0.3),
+        lag_s: draw.field(usual.lag_s, 0.0, 0.15),
         ..usual
     }
 }
@@ -168,7 +169,6 @@ pub(super) fn guidance_config(draw: &mut Draw<'_>) -> guidance::Config {
         ..usual
     };
     if draw.flag() {
-        config.goal.target_distance_m = draw.field(config.goal.target_distance_m, 0.5, 20.0);
         config.vehicle_model.dead_time_s = draw.field(config.vehicle_model.dead_time_s, 0.0, 0.1);
         config.vehicle_model.lag_s = draw.field(config.vehicle_model.lag_s, 0.0, 5.0);
         config.mission.obstacles_required = draw.flag();

@@ -47,7 +47,7 @@ A scenario is JSON: x east, y north, metres, seconds, degrees; every key has a d
   random {count, radius [r0,r1], gap, clear}: pillars by the seed,
   walls [{x0,y0,x1,y1,r,reflection_db,passage_db}],
   explore_s: how long to search for a signal,
-  sensor {fov_deg (90), range_m (3), occlusion (true), rays (72), turn_s,
+  sensor {fov_deg (90), range_m (3), occlusion (true), rays (72), turn_s, lag_s,
     model circles|scan|lidar, noise_m, missed: share of its rays},
   bearing {only (true; false: the planner knows where the beacon is),
     model rf|noise|uudf|hci (rf where snr_db is given, else noise),

@@ -93,11 +93,14 @@ impl Mission {
         let moves = scenario.goal_velocity.iter().any(|speed| *speed != 0.0);
         if !scenario.bearing.only && !moves {
             let [east, north] = scenario.goal.map(|metres| metres as f32);
-            config.goal.known_source_ned_m = Some(foxhound_core::base::ned::Horizontal { north, east });
+            config.known_source_ned_m = Some(foxhound_core::base::ned::Horizontal { north, east });
         }
         config.sensor.range_m = scenario.sensor.range_m as f32;
         config.sensor.fov_rad = scenario.sensor.fov_deg.to_radians() as f32;
         config.sensor.turn_s = scenario.sensor.turn_s as f32;
+        if scenario.sensor.model == SensorModel::Scan {
+            config.sensor.lag_s = scenario.sensor.lag_s as f32;
+        }
         // The other planners are flown unchanged.
         if scenario.explore_s > 0.0 && self.planner.kind == planner::Kind::Foxhound {
             config.planner.explore = Some(explore::Config {

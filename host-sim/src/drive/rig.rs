@@ -4,7 +4,10 @@
 //! vehicle flies until the next step. The caller uses the step and decides when the flight ends: [`super::flight`]
 //! judges a mission, [`super::trial`] injects faults.
 
+use std::collections::VecDeque;
+
 use foxhound_core::base::obstacle::Circle;
+use foxhound_link::dialect::OBSTACLE_DISTANCE_DATA;
 
 use super::landing::{Downward, Landing, RANGE_TICKS};
 use crate::autopilot::Autopilot;
@@ -78,6 +81,8 @@ pub struct Rig {
     drift: Option<Drift>,
     lidar: Option<Lidar>,
     ranging: Ranging,
+    /// Messages of the obstacle sensor on their way, each with the tick of its arrival.
+    on_their_way: VecDeque<(u64, OBSTACLE_DISTANCE_DATA)>,
     /// Parts of a step; the hull is checked after each of them.
     checks: u32,
 }
@@ -98,6 +103,7 @@ impl Rig {
             drift: None,
             lidar: (scenario.sensor.model == SensorModel::Lidar).then(Lidar::default),
             ranging: Ranging::new(&scenario.sensor, Random::new(0, 8)),
+            on_their_way: VecDeque::new(),
             scenario: scenario.clone(),
             checks,
         }
@@ -153,11 +159,16 @@ impl Rig {
                 SensorModel::Circles => {
                     circles = tick.is_multiple_of(SENSOR_TICKS).then(|| on_the_map(view.circles(), error));
                 }
-                SensorModel::Scan => view
-                    .scan_in_turn(tick, SENSOR_TICKS, TICK_S, now_us, &motion, &mut self.ranging)
-                    .for_each(|message| self.autopilot.forward(&message)),
+                SensorModel::Scan => {
+                    let arrives = tick + (sensor.lag_s / TICK_S).round() as u64;
+                    let scan = view.scan_in_turn(tick, SENSOR_TICKS, TICK_S, now_us, &motion, &mut self.ranging);
+                    self.on_their_way.extend(scan.map(|message| (arrives, message)));
+                }
                 SensorModel::Lidar => {}
             }
+        }
+        while let Some((_, message)) = self.on_their_way.pop_front_if(|(arrives, _)| *arrives <= tick) {
+            self.autopilot.forward(&message);
         }
         let lidar =
             self.lidar.as_mut().map(|lidar| lidar.turn(&view, &motion, &mut self.ranging, when.obstacles_are_silent));

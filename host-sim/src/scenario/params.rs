@@ -18,7 +18,7 @@ const TURN_MAX_S: f64 = 0.1;
 const SAMPLES: usize = 256;
 
 /// Fields of a configuration that are refused because of others, the parameters that hold them, and those that they must fit.
-const TOGETHER: [(&str, &str, &[&str]); 17] = [
+const TOGETHER: [(&str, &str, &[&str]); 18] = [
     ("vehicle.radius_m + planner.margin_m", "FH_RADIUS + FH_MARGIN", &["FH_RADIUS", "FH_MARGIN"]),
     ("link.heartbeat_timeout_s", "FH_HB_TMO", &["FH_SILENT"]),
     ("link.silence_after_s", "FH_SILENT", &["FH_HB_TMO"]),
@@ -34,7 +34,22 @@ const TOGETHER: [(&str, &str, &[&str]); 17] = [
     ("vehicle_model.dead_time_s", "FH_DEAD_TIME", &[]),
     ("vehicle.radius_m", "FH_RADIUS", &["FH_OBS_MIN", "FH_OBS_FOV"]),
     ("planner.margin_m", "FH_MARGIN", &[]),
-    ("guard.v_max_mps", "FH_SPD_MAX", &["FH_ACC_MAX", "FH_STALL_T", "FH_STALL_R"]),
+    (
+        "guard.v_max_mps",
+        "FH_SPD_MAX",
+        &[
+            "FH_ACC_MAX",
+            "FH_OBS_RANGE",
+            "FH_RADIUS",
+            "FH_MARGIN_GRD",
+            "FH_DEAD_TIME",
+            "FH_LAG",
+            "FH_STALL_T",
+            "FH_STALL_R",
+            "FH_YAWR_MAX",
+        ],
+    ),
+    ("sensor.lag_s", "FH_OBS_LAG", &["FH_OBS_TURN", "FH_OBS_AGE"]),
     ("sensor.range_m", "FH_OBS_RANGE", &["FH_RADIUS"]),
 ];
 
@@ -168,6 +183,7 @@ impl Given {
             ("FH_OBS_RANGE", &mut sensor.range_m),
             ("FH_OBS_FOV", &mut sensor.fov_deg),
             ("FH_OBS_TURN", &mut sensor.turn_s),
+            ("FH_OBS_LAG", &mut sensor.lag_s),
         ] {
             if let Some(value) = given(name) {
                 write(value, field);

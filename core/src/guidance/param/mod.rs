@@ -200,6 +200,12 @@ impl Id {
         (self.wire().min, self.wire().max)
     }
 
+    /// Whether it is a switch, a choice or a count.
+    #[must_use]
+    pub fn is_whole(self) -> bool {
+        self.wire().kind == Kind::Whole
+    }
+
     /// Whether it may have this value, regardless of all others.
     ///
     /// # Errors

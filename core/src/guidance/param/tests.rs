@@ -32,6 +32,7 @@ const PLACES: &[(&str, Place)] = &[
     ("FH_OBS_FOV", |c| c.sensor.fov_rad.to_degrees()),
     ("FH_OBS_RANGE", |c| c.sensor.range_m),
     ("FH_OBS_TURN", |c| c.sensor.turn_s),
+    ("FH_OBS_LAG", |c| c.sensor.lag_s),
     ("FH_OBS_MIN", |c| c.guard.coverage.smallest_obstacle_m),
     ("FH_OBS_SIDE", |c| c.guard.out_of_view_share),
     ("FH_START_CLR", |c| c.guard.coverage.start_clearance_m),
@@ -41,7 +42,6 @@ const PLACES: &[(&str, Place)] = &[
     ("FH_BRG_TAG", |c| c.radio.unwrap_or_default().tag as f32),
     ("FH_BRG_YAW", |c| c.radio.unwrap_or_default().yaw_rad.to_degrees()),
     ("FH_BRG_SIGMA", |c| c.radio.unwrap_or_default().sigma_rad.to_degrees()),
-    ("FH_TGT_DIST", |c| c.goal.target_distance_m),
     ("FH_RPL_TIME", |c| c.replan_after_s),
     ("FH_RPL_WPT", |c| f32::from(c.replan_at_waypoint)),
     ("FH_BENDS", |c| f32::from(c.planner.bends)),
@@ -96,10 +96,13 @@ fn company(id: Id, value: f32) -> Vec<(Id, f32)> {
     let others: &[(&str, f32)] = match id.name() {
         "FH_MARGIN" => &[("FH_MARGIN_TGT", 0.0)],
         "FH_MARGIN_TGT" => &[("FH_MARGIN", value)],
-        "FH_SPD_MAX" => &[("FH_STALL_T", 100.0)],
-        "FH_RADIUS" => &[("FH_OBS_RANGE", 6.0), ("FH_OBS_FOV", 360.0)],
-        "FH_OBS_RANGE" => &[("FH_RADIUS", if value > 0.5 { 0.15 } else { 0.0 })],
-        "FH_STALL_T" => &[("FH_STALL_R", 0.1)],
+        "FH_SPD_MAX" => &[("FH_STALL_T", 100.0), ("FH_OBS_RANGE", 10.0)],
+        "FH_ACC_MAX" | "FH_MARGIN_GRD" => &[("FH_OBS_RANGE", 10.0)],
+        "FH_YAWR_MAX" => &[("FH_STALL_T", 100.0)],
+        "FH_RADIUS" => &[("FH_OBS_RANGE", 7.0), ("FH_OBS_FOV", 360.0)],
+        "FH_OBS_RANGE" if value > 1.2 => &[],
+        "FH_OBS_RANGE" => &[("FH_RADIUS", 0.0), ("FH_SPD_MAX", 0.1), ("FH_STALL_T", 100.0)],
+        "FH_STALL_T" => &[("FH_STALL_R", 0.1), ("FH_OBS_FOV", 360.0)],
         "FH_STALL_R" => &[("FH_STALL_T", 600.0)],
         "FH_SRCH_R" => &[("FH_SRCH_TIME", 60.0)],
         "FH_WAVELEN" => &[("FH_ARR_SIDE", 0.4 * value)],
@@ -237,6 +240,9 @@ fn values_that_do_not_fit_together_are_seen_by_the_build_and_named() {
         (named("FH_RADIUS"), 2.7, "sensor.range_m"),
         (named("FH_SPD_MAX"), 0.09, "guard.v_max_mps"),
         (named("FH_STALL_R"), 11.0, "guard.v_max_mps"),
+        (named("FH_OBS_RANGE"), 1.1, "guard.v_max_mps"),
+        (named("FH_ACC_MAX"), 0.3, "guard.v_max_mps"),
+        (named("FH_MARGIN_GRD"), 2.0, "guard.v_max_mps"),
     ] {
         let mut values = Values::DEFAULT;
         values.set(id, value).unwrap();
@@ -247,12 +253,21 @@ fn values_that_do_not_fit_together_are_seen_by_the_build_and_named() {
         (("FH_SPD_MAX", 4.0), ("FH_STALL_T", 5.0), ("FH_STALL_R", 9.0)),
         (("FH_ACC_MAX", 0.1), ("FH_STALL_T", 4.0), ("FH_STALL_R", 1.0)),
         (("FH_LAG", 2.0), ("FH_DEAD_TIME", 1.12), ("FH_STALL_T", 1.0)),
+        // With its back to the beacon it turns for longer than it may stand.
+        (("FH_YAWR_MAX", 0.5), ("FH_STALL_T", 5.0), ("FH_STALL_R", 1.0)),
     ] {
         let mut values = Values::DEFAULT;
         for (name, value) in [first, second, third] {
             values.set(named(name), value).unwrap();
         }
         assert_eq!(applied(&values).build::<256>().unwrap_err().field, "guard.v_max_mps");
+    }
+    for (turn_s, age_s) in [(0.3, 0.5), (0.0, 0.2)] {
+        let mut values = Values::DEFAULT;
+        for (name, value) in [("FH_OBS_LAG", 0.15), ("FH_OBS_TURN", turn_s), ("FH_OBS_AGE", age_s)] {
+            values.set(named(name), value).unwrap();
+        }
+        assert_eq!(applied(&values).build::<256>().unwrap_err().field, "sensor.lag_s");
     }
     let mut values = Values::DEFAULT;
     values.set(named("FH_TURN"), 1.0).unwrap();

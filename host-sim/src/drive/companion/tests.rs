@@ -58,7 +58,7 @@ fn an_option_out_of_range_is_named() {
 fn the_guard_keeps_the_limit_with_room_for_rounding() {
     let guidance = config().guidance();
     assert!(guidance.guard.v_max_mps < 2.0 && guidance.guard.v_max_mps > 1.999);
-    assert!(guidance.goal.known_source_ned_m.is_none(), "the beacon is heard, not told");
+    assert!(guidance.known_source_ned_m.is_none(), "the beacon is heard, not told");
     assert_eq!(guidance.guard.yaw_rate_max_radps, 1.25, "what the vehicle gives");
 }
 

@@ -41,6 +41,24 @@ fn obstacles_are_remembered_where_the_autopilot_believes_them_to_be() {
     assert!(still_m < 1e-3 && drifted_m > 0.03, "{still_m} {drifted_m}");
 }
 
+/// A message of 0.1 s ago shows a pillar, seen at up to 1 m/s, as much as 0.1 m too far ahead.
+#[test]
+fn what_a_late_sensor_saw_is_remembered_where_it_stood_if_the_delay_is_told() {
+    let text = r#"{"start":[0,0],"goal":[6,0],"obstacles":[{"x":5,"y":1.5,"r":0.3}],
+        "sensor":{"model":"scan","fov_deg":180,"lag_s":0.1},"goal_tolerance":1}"#;
+    let estimator = foxhound_core::doa::bearing::Estimator::CrossSpectrum;
+    let planner = foxhound_core::planning::planner::Config::default();
+    let mission = Mission { scenario: Scenario::parse(text).unwrap(), seed: 1, planner, estimator };
+    let [told_m, untold_m] = [0.1, 0.0].map(|lag_s| {
+        let mut config = mission.guidance();
+        config.sensor.lag_s = lag_s;
+        let record = fly(&mission, &mut HostComputer::new(&config).unwrap(), None, |_| ()).unwrap();
+        let circle = record.remembered[0].center_ned_m;
+        libm::hypotf(circle.east - 5.0, circle.north - 1.5)
+    });
+    assert!(told_m < 0.02 && untold_m > 0.06, "{told_m} {untold_m}");
+}
+
 #[test]
 fn between_rare_pulses_the_vehicle_holds_for_want_of_a_signal() {
     for bearing in [r#""sigma_deg":2"#, r#""snr_db":20"#] {

@@ -76,7 +76,7 @@ fn first_difference(wanted: &guidance::Config, reached: &guidance::Config) -> Op
     let keys = [
         ("--planner", wanted.planner.kind != reached.planner.kind),
         ("--estimator", wanted.bearing.estimator != reached.bearing.estimator),
-        ("bearing.only", wanted.goal.known_source_ned_m != reached.goal.known_source_ned_m),
+        ("bearing.only", wanted.known_source_ned_m != reached.known_source_ned_m),
         ("antenna", wanted.turning != reached.turning),
         ("landing", wanted.landing != reached.landing),
         ("explore_s", wanted.planner.explore != reached.planner.explore),

@@ -101,6 +101,9 @@ pub struct Sensor {
     /// Duration of a scan, during which the vehicle moves.
     #[schemars(range(min = 0.0, max = 0.1))]
     pub turn_s: f64,
+    /// How long a message of a scan takes from its last ray to the flight computer; only of the model `scan`.
+    #[schemars(range(min = 0.0, max = 0.15))]
+    pub lag_s: f64,
     /// Standard deviation of each range of a scan or a lidar.
     #[schemars(range(min = 0.0, max = 0.5))]
     pub noise_m: f64,
@@ -297,6 +300,7 @@ impl Default for Sensor {
             model: SensorModel::Circles,
             rays: 72,
             turn_s: 0.0,
+            lag_s: 0.0,
             noise_m: 0.0,
             missed: 0.0,
         }

@@ -33,7 +33,7 @@ fn every_key_is_taken_and_written_back() {
         "rate_hz":5,"latency_s":0.1,"grey":true,"distractors":true,"cut":[1,2],"blind":[3,4]},"range_finder":false,
         "request_land":true},
         "other_beacons":[{"x":1,"y":2,"offset_hz":3000,"level_db":-3}],
-        "sensor":{"fov_deg":120,"range_m":4,"occlusion":false,"model":"scan","noise_m":0.02,"missed":0.01},
+        "sensor":{"fov_deg":120,"range_m":4,"occlusion":false,"model":"scan","noise_m":0.02,"missed":0.01,"lag_s":0.1},
         "bearing":{"only":false,"model":"rf","sigma_deg":5,"snr_db":10,"outlier":{"rate":0.1,"offset_deg":60},
         "dropout":[1,2],"tone_known":true,"pulses":{"period_s":1,"length_s":0.3}},"antenna":{"single":true,"exponent":3,"front_to_back_db":20,"boresight_deg":[0,90,180,-90],
         "turn_deg_per_s":60},"limits":{"v_max":2,"a_max":4},"vehicle":{"model":"arducopter","lag_s":0.1,"autopilot":"px4"},
