@@ -441,12 +441,18 @@ impl<B: Board> Line<B> {
         }
     }
 
-    /// Passes received bytes on: in lock-step exactly those that belong before this step, otherwise all.
+    /// Passes received bytes on: in lock-step exactly those that belong before this step, otherwise all that wait, and of what
+    /// comes meanwhile no more than another buffer: no sender holds up the step.
     async fn read(&mut self, flight: &mut Flight<'_>, log: &mut Log<'_>, step: &Step<'_>) {
         let mut bytes = [0; PIECE_BYTES];
+        let is_awaited = step.lock_step.is_some();
+        let mut end = self.rx_total.wrapping_add(self.receiver.waiting().room);
+        let mut sensor_end = self.sensor_total.wrapping_add(self.sensor.waiting().room);
+        if let Some(lock_step) = &step.lock_step {
+            (end, sensor_end) = (lock_step.rx_expected, lock_step.sensor_expected);
+        }
         loop {
-            let expected = step.lock_step.map(|lock_step| lock_step.rx_expected);
-            let heard = take(&mut self.receiver, &mut self.rx_total, expected, &mut bytes).await;
+            let heard = take(&mut self.receiver, &mut self.rx_total, end, is_awaited, &mut bytes).await;
             if heard.is_empty() {
                 break;
             }
@@ -455,8 +461,7 @@ impl<B: Board> Line<B> {
         }
         let mut is_torn = false;
         loop {
-            let expected = step.lock_step.map(|lock_step| lock_step.sensor_expected);
-            let heard = take(&mut self.sensor, &mut self.sensor_total, expected, &mut bytes).await;
+            let heard = take(&mut self.sensor, &mut self.sensor_total, sensor_end, is_awaited, &mut bytes).await;
             if heard.is_empty() {
                 return;
             }
@@ -491,23 +496,25 @@ impl<B: Board> Line<B> {
     }
 }
 
-/// Reads bytes of a line, of which `taken` have been read: up to the expected number, or all; `None` if there are no
-/// more.
+/// Reads bytes of a line, of which `total` have been read, up to `end`: in lock-step they are waited for, otherwise those that
+/// are there.
 async fn take<'a>(
     line: &mut impl Receiver,
     total: &mut u32,
-    expected: Option<u32>,
+    end: u32,
+    is_awaited: bool,
     bytes: &'a mut [u8; PIECE_BYTES],
 ) -> &'a [u8] {
-    let count = match expected {
-        Some(expected) => {
-            let missing = (expected.wrapping_sub(*total) as usize).min(bytes.len());
-            match bytes.get_mut(..missing) {
-                Some(missing) if !missing.is_empty() => line.read(missing).await,
-                _ => 0,
+    let missing = (end.wrapping_sub(*total) as usize).min(bytes.len());
+    let count = match bytes.get_mut(..missing) {
+        Some(missing) if !missing.is_empty() => {
+            if is_awaited {
+                line.read(missing).await
+            } else {
+                line.try_read(missing)
             }
         }
-        None => line.try_read(bytes),
+        _ => 0,
     };
     *total = total.wrapping_add(count as u32);
     bytes.get(..count).unwrap_or_default()
