@@ -1,8 +1,10 @@
 //! The firmware image itself, flown in QEMU. `cargo xtask test` builds the image, installs what is needed and runs these.
 
 use std::process::Command;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
-use foxhound_tests::{checked_by, g474_image, qemu_image, refused, root, run_json};
+use foxhound_tests::{checked_by, g474_image, qemu_image, refused, root, run, run_json};
 use object::{Object as _, ObjectSymbol as _};
 
 fn fly(via: &str, extra: &[&str]) -> (i32, serde_json::Value) {
@@ -107,14 +109,18 @@ fn without_a_doorbell_the_image_beats_once_a_second_and_sends_no_motion() {
         .stdout(std::process::Stdio::null())
         .spawn()
         .unwrap();
-    std::thread::sleep(std::time::Duration::from_secs(6));
+    let (begin, mut counts) = (Instant::now(), serde_json::Value::Null);
+    let beats = |counts: &serde_json::Value| counts["counts"]["0"].as_u64().unwrap_or(0);
+    while beats(&counts) < 4 && begin.elapsed() < Duration::from_secs(60) {
+        sleep(Duration::from_secs(1));
+        counts = serde_json::from_slice(&run(&["tlog", &bytes.to_string_lossy(), "--raw", "--json"]).stdout)
+            .unwrap_or_default();
+    }
+    let passed_s = begin.elapsed().as_secs();
     qemu.kill().unwrap();
     qemu.wait().unwrap();
-    let (code, counts) = run_json(&["tlog", &bytes.to_string_lossy(), "--raw", "--json"]);
-    assert_eq!(code, 0, "{counts}");
     assert_eq!((&counts["bad_crc"], &counts["skipped_bytes"]), (&0.into(), &0.into()), "{counts}");
-    let beats = counts["counts"]["0"].as_u64().unwrap();
-    // Six seconds, on a machine that may be busy: but a beat, and no flood.
-    assert!((3..=8).contains(&beats), "{counts}");
+    // A beat, on a machine that may be busy, and no flood.
+    assert!((4..=passed_s + 2).contains(&beats(&counts)), "{counts} in {passed_s} s");
     assert!(counts["counts"].get("84").is_none(), "no setpoint without an autopilot: {counts}");
 }

@@ -30,7 +30,7 @@ fn folders(of: u32) -> Vec<String> {
 fn until(what: &str, is_so: impl Fn() -> bool) {
     let since = Instant::now();
     while !is_so() {
-        assert!(since.elapsed() < Duration::from_secs(30), "{what}");
+        assert!(since.elapsed() < Duration::from_secs(120), "{what}");
         std::thread::sleep(Duration::from_millis(20));
     }
 }
@@ -72,6 +72,7 @@ fn the_records_of_a_flight_outlive_its_qemu() {
     let mut child = flying(&["--report", &page, "--mcap", &mcap, "--tlog", &tlog, "--flight-log", &log]);
     let pid = child.id();
     until("QEMU does not start", || qemus(pid).len() == 1);
+    until("the folder stays", || folders(pid).is_empty());
     std::thread::sleep(Duration::from_secs(3));
     foxhound_tests::signal(qemus(pid)[0], "-KILL");
     until("the report is not written", || Path::new(&page).exists() && Path::new(&log).exists());

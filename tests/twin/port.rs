@@ -56,6 +56,21 @@ impl Alone {
         });
         Self { qemu, line, terminal: terminal.unwrap(), folder }
     }
+
+    /// What the maintenance port answers, and the exit status.
+    fn ask(&self, command: &str) -> (Option<i32>, String) {
+        let log = self.folder.path().join("capture.log");
+        let log = log.to_string_lossy();
+        let output = run(&["port", "--serial", &self.terminal, "--log", &log, "--force", command]);
+        (output.status.code(), String::from_utf8_lossy(&output.stdout).into_owned())
+    }
+
+    /// The whole status: an answer ends for `foxhound port` where QEMU gets no processor for 0.3 s.
+    fn status(&self) -> String {
+        let answers = (0..10).map(|_| self.ask("status").1);
+        let whole = answers.into_iter().find(|status| status.lines().any(|line| line.starts_with("speak: ")));
+        whole.unwrap()
+    }
 }
 
 impl Drop for Alone {
@@ -71,14 +86,8 @@ impl Drop for Alone {
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn the_firmware_answers_at_its_maintenance_port() {
     let alone = Alone::start();
-    let capture = alone.folder.path().join("capture.log");
-    let ask = |command: &str| {
-        let log = capture.to_string_lossy();
-        let output = run(&["port", "--serial", &alone.terminal, "--log", &log, "--force", command]);
-        (output.status.code(), String::from_utf8_lossy(&output.stdout).into_owned())
-    };
-    let (code, status) = ask("status");
-    assert_eq!(code, Some(0), "{status}");
+    let ask = |command: &str| alone.ask(command);
+    let status = alone.status();
     for word in ["on mps2_an386", "restart: power", "late 0", "outcome not_in_control", "link: frames 0", "log: frames"]
     {
         assert!(status.contains(word) || word.contains("not_in_control") && status.contains("link_lost"), "{status}");
@@ -107,8 +116,8 @@ fn the_firmware_answers_at_its_maintenance_port() {
     assert!(ask(&"status ".repeat(20)).1.contains("error: the line is too long"));
     assert!(ask("watchdog").1.contains("`watchdog yes`"));
     assert!(ask("restart").1.contains("restarts"));
-    let (code, status) = ask("status");
-    assert!(code == Some(0) && status.contains("restart: as asked"), "{status}");
+    let status = alone.status();
+    assert!(status.contains("restart: as asked"), "{status}");
 }
 
 /// The `bringup` command reports what works and what is missing.
@@ -166,7 +175,7 @@ fn frames_come_out_of_the_port_as_they_went_in() {
     let (mut random, mut sent) = (Random::new(3, 7), Vec::new());
     let begin = WallInstant::now();
     while port.try_wait().unwrap().is_none() {
-        assert!(begin.elapsed() < Duration::from_secs(60), "{} steps", sent.len());
+        assert!(begin.elapsed() < Duration::from_secs(300), "{} steps", sent.len());
         let now = Instant(sent.len() as u64 * 20_000);
         let frame: AdcFrame<256> = antennas.frame(now, &Pose::default(), [300.0, 300.0, 0.0], &mut random);
         twin.type_on_port(&terminal.read()).unwrap();
@@ -226,8 +235,7 @@ fn noise_and_breaks_on_the_autopilots_line_stop_nothing() {
     let seconds = times_ms.last().unwrap() / 1000;
     assert!(seconds >= 3 && beats + 2 >= seconds && beats <= seconds + 2, "{beats} heartbeats in {seconds} s");
     assert!(times_ms.is_sorted(), "it has not restarted: {times_ms:?}");
-    let output = run(&["port", "--serial", &alone.terminal, "status"]);
-    let status = String::from_utf8_lossy(&output.stdout).into_owned();
+    let status = alone.status();
     for words in ["restart: power", "; start 1\n", ", late 0", "link: frames 0"] {
         assert!(status.contains(words), "{words}: {status}");
     }
