@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::net::UdpSocket;
 use std::path::Path;
 use std::thread::sleep;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use foxhound_tests::{Autopilot, Program, foxhound, peer, python, run_json, share_machine, text};
 use serde_json::Value;
@@ -14,9 +14,8 @@ use serde_json::Value;
 const V_MAX: f64 = 2.0;
 
 fn companion(address: &str, arguments: &[&str]) -> Program {
-    // The limit is for the worst case only.
     let mut command = foxhound();
-    command.args(["companion", "--json", "--autopilot", address, "--v-max", "2", "--max-time", "60"]).args(arguments);
+    command.args(["companion", "--json", "--autopilot", address, "--v-max", "2"]).args(arguments);
     Program::start(&mut command)
 }
 
@@ -76,7 +75,9 @@ fn flown_with_mavsdk(software: &str) -> Transcript {
     let mut mavsdk = Program::start(peer("mavsdk_autopilot.py").arg(software));
     let mut lines = mavsdk.lines();
     let first: Value = serde_json::from_str(&lines.next().unwrap().unwrap()).unwrap();
-    let mut companion = companion(&format!("udpout:127.0.0.1:{}", first["port"]), &["--source=30,0,-5"]);
+    // So far that it does not arrive, on a busy machine either, before enough is read.
+    let arguments = ["--source=100,0,-5", "--max-time", "180"];
+    let mut companion = companion(&format!("udpout:127.0.0.1:{}", first["port"]), &arguments);
     let mut transcript = Transcript::default();
     let mut is_stopped = false;
     for line in lines {
@@ -90,7 +91,7 @@ fn flown_with_mavsdk(software: &str) -> Transcript {
             companion.signal("-INT");
             // The exit code after Ctrl-C, if the beacon was not reached.
             assert_eq!(companion.wait(), 130);
-            mavsdk.end_input();
+            // Left alone, MAVSDK ends once it has told the rest.
         }
     }
     assert!(is_stopped, "too little was read: {:?}", transcript.texts());
@@ -114,12 +115,14 @@ fn mavsdk_reads_every_word(software: &str, landing_frame: f64) {
     }
     let last = setpoints.last().unwrap();
     assert!(last.is(&[("vx", 0.0), ("vy", 0.0), ("vz", 0.0), ("yaw_rate", 0.0)]), "{}", last.0);
-    // Twenty a second by the companion's own clock.
+    // Twenty a second by the companion's own clock; a busy machine leaves some out.
     let times_s: Vec<f64> =
         setpoints.iter().filter(|setpoint| is_moving(setpoint)).map(|m| m.number("time_boot_ms") / 1e3).collect();
     let span_s = times_s.last().unwrap() - times_s[0];
-    let rate_hz = (times_s.len() - 1) as f64 / span_s;
-    assert!(span_s >= 3.0 && (16.0..=24.0).contains(&rate_hz), "{rate_hz} Hz in {span_s} s");
+    let mut intervals_s: Vec<f64> = times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    intervals_s.sort_by(f64::total_cmp);
+    let median_s = intervals_s[intervals_s.len() / 2];
+    assert!(span_s >= 3.0 && (median_s - 0.05).abs() <= 0.0105, "{median_s} s, in {span_s} s");
 
     let beats = transcript.of("HEARTBEAT");
     assert!(beats.len() > 4 && beats.iter().all(|beat| beat.is(&[("type", 18.0), ("autopilot", 8.0)])));
@@ -258,34 +261,41 @@ fn mavproxy_routes_without_loss_and_its_greedy_stream_requests_are_corrected() {
     let _machine = share_machine();
     let dir = tempfile::tempdir().unwrap();
     let autopilot = Autopilot::start(&[]);
-    // A port that was free a moment ago.
-    let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    // A port that was free a moment ago, of an address at which nobody else listens.
+    let port = UdpSocket::bind("127.0.0.7:0").unwrap().local_addr().unwrap().port();
     let router_log = dir.path().join("router.tlog");
     let mut command = python();
     // Every 15 s it asks for four of every message a second, by default.
     command
         .args(["-m", "MAVProxy.mavproxy", "--daemon", "--non-interactive", "--streamrate=4"])
         .arg(format!("--master={}", autopilot.address))
-        .arg(format!("--out=udpout:127.0.0.1:{port}"))
+        .arg(format!("--out=udpout:127.0.0.7:{port}"))
         .arg(format!("--logfile={}", router_log.display()))
         .current_dir(dir.path())
         .env("HOME", dir.path());
     let mut router = Program::start(&mut command);
     let log = dir.path().join("companion.tlog");
-    let arguments = ["--source=24,0,-5", "--tlog", &text(&log)];
-    let mut companion = companion(&format!("udpin:127.0.0.1:{port}"), &arguments);
+    let arguments = ["--source=50,0,-5", "--max-time", "120", "--tlog", &text(&log)];
+    let mut companion = companion(&format!("udpin:127.0.0.7:{port}"), &arguments);
 
     let report: Value = serde_json::from_str(&companion.lines().next().unwrap().unwrap()).unwrap();
     assert_eq!((companion.wait(), &report["result"]), (0, &"reached".into()), "{report}");
-    // What it has still to pass on.
-    sleep(Duration::from_secs(1));
+    let ours = records(&log);
+    let sent = of(&ours, (1, 191));
+    // What it has still to pass on. While the autopilot speaks the router writes, and so its log comes to the end, too; what is
+    // lost is judged below.
+    let begin = Instant::now();
+    while of(&records(&router_log), (1, 191)).last().is_none_or(|last| last.frame != sent.last().unwrap().frame)
+        && begin.elapsed() < Duration::from_secs(30)
+    {
+        sleep(Duration::from_millis(500));
+    }
     router.signal("-TERM");
     router.wait();
     let last = autopilot.end();
 
     // Both ways, frame for frame. What it passed on last it may not have written any more; the autopilot counts that.
-    let (ours, routed) = (records(&log), records(&router_log));
-    let sent = of(&ours, (1, 191));
+    let routed = records(&router_log);
     goes_on_as(&of(&routed, (1, 191)), &sent);
     goes_on_as(&of(&ours, (1, 1)), &of(&routed, (1, 1)));
     let setpoints = sent.iter().filter(|record| record.message_id == SET_POSITION_TARGET_LOCAL_NED).count();
@@ -296,19 +306,19 @@ fn mavproxy_routes_without_loss_and_its_greedy_stream_requests_are_corrected() {
         assert_eq!((code, &counts["bad_crc"], &counts["skipped_bytes"]), (0, &0.into(), &0.into()), "{counts}");
     }
 
-    // The request on the way takes the rates away, and the companion takes them back.
-    let stolen_us = routed
-        .iter()
-        .filter(|record| record.sender.0 == 255 && record.message_id == REQUEST_DATA_STREAM)
-        .map(|record| record.time_us)
-        .max()
-        .unwrap();
+    // A request on the way takes the rates away, and the companion takes them back: the last one after which there is time for it.
     let positions: Vec<u64> = of(&ours, (1, 1))
         .iter()
         .filter(|record| record.message_id == LOCAL_POSITION_NED)
         .map(|record| record.time_us)
         .collect();
     let end_us = *positions.last().unwrap();
+    let requests = routed.iter().filter(|record| record.sender.0 == 255 && record.message_id == REQUEST_DATA_STREAM);
+    let requests: Vec<u64> = requests.map(|record| record.time_us).collect();
+    let stolen_us = *requests.iter().rfind(|time_us| **time_us + 9 * SECOND_US <= end_us).unwrap();
+    // The next one takes them away again.
+    let next_us = requests.iter().find(|time_us| **time_us > stolen_us + SECOND_US);
+    let end_us = next_us.map_or(end_us, |next_us| end_us.min(*next_us));
     let is_wish =
         |record: &&Record| record.message_id == COMMAND_LONG && record.payload()[..4] == 32.0_f32.to_le_bytes();
     let wishes: Vec<u64> = sent.iter().filter(is_wish).map(|record| record.time_us).collect();

@@ -60,7 +60,7 @@ fn with_another_key_or_none_nothing_is_believed_and_nothing_moves() {
     let key = key_file(dir.path(), "other", OTHER);
     // Without a key the companion hears everything, and is heard by nobody.
     for arguments in [&["--key", key.as_str()][..], &[]] {
-        let (report, told) = flown_with_pymavlink(&[&["--source=5,0,-5", "--max-time", "4"], arguments].concat());
+        let (report, told) = flown_with_pymavlink(&[&["--source=5,0,-5", "--max-time", "8"], arguments].concat());
         assert_eq!(report["result"], "timeout", "{report}");
         assert_eq!(report["reason"] == "link_lost", !arguments.is_empty(), "{report}");
         assert!(told["refused"].as_u64().unwrap() > 2 && told["taken"] == json!({}), "{told}");
@@ -75,7 +75,7 @@ fn with_a_key_an_autopilot_that_does_not_sign_is_not_moved() {
     let dir = tempfile::tempdir().unwrap();
     let key = key_file(dir.path(), "key", KEY);
     let autopilot = Autopilot::start(&[]);
-    let report = flown(&autopilot.address, &["--source=5,0,-5", "--max-time", "4", "--key", &key]);
+    let report = flown(&autopilot.address, &["--source=5,0,-5", "--max-time", "8", "--key", &key]);
     assert_eq!((&report["result"], &report["reason"]), (&"timeout".into(), &"link_lost".into()), "{report}");
     let last = autopilot.end();
     assert!(last["heartbeats"].as_u64().unwrap() > 2 && last["setpoints"] == 0, "{last}");

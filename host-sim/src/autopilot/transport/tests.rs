@@ -7,11 +7,11 @@ fn frame(mark: u8) -> Vec<u8> {
     frame
 }
 
-/// Reads until so many bytes have come, for ten seconds at most.
+/// Reads until so many bytes have come, for a minute at most.
 fn read(line: &mut Line, count: usize) -> Vec<u8> {
     let mut bytes = Vec::new();
     let begin = Instant::now();
-    while bytes.len() < count && begin.elapsed() < Duration::from_secs(10) {
+    while bytes.len() < count && begin.elapsed() < Duration::from_secs(60) {
         bytes.extend(line.read());
         std::thread::sleep(Duration::from_millis(1));
     }
@@ -20,7 +20,7 @@ fn read(line: &mut Line, count: usize) -> Vec<u8> {
 
 fn wait(line: &mut Line) {
     let begin = Instant::now();
-    while !line.is_open() && begin.elapsed() < Duration::from_secs(10) {
+    while !line.is_open() && begin.elapsed() < Duration::from_secs(60) {
         assert!(line.read().is_empty());
         std::thread::sleep(Duration::from_millis(1));
     }
@@ -47,7 +47,8 @@ fn every_line_carries_bytes_both_ways() {
 
 #[test]
 fn a_server_takes_one_client_after_another_and_a_client_calls_again() {
-    let (mut there, here, address) = speaks_both_ways("tcp:127.0.0.1:0");
+    // Nobody else listens at this address of the machine: the port can be left and taken again.
+    let (mut there, here, address) = speaks_both_ways("tcp:127.0.0.2:0");
     drop(here);
     let mut next = Line::open(&address).unwrap();
     wait(&mut next);
@@ -55,7 +56,7 @@ fn a_server_takes_one_client_after_another_and_a_client_calls_again() {
     assert_eq!(read(&mut there, 21), frame(9));
     drop(there);
     let begin = Instant::now();
-    while next.is_open() && begin.elapsed() < Duration::from_secs(10) {
+    while next.is_open() && begin.elapsed() < Duration::from_secs(60) {
         next.read();
     }
     let Address::Tcp(endpoint) = address else { unreachable!("it listens for TCP") };
@@ -72,7 +73,7 @@ fn between_two_clients_that_follow_each_other_at_once_a_server_is_not_open() {
     wait(&mut next);
     drop(here);
     let begin = Instant::now();
-    while there.is_open() && begin.elapsed() < Duration::from_secs(10) {
+    while there.is_open() && begin.elapsed() < Duration::from_secs(60) {
         there.read();
         there.write(&frame(5));
     }
@@ -107,13 +108,13 @@ fn a_datagram_of_a_stranger_is_not_heard() {
 
 #[test]
 fn where_udp_listens_the_first_that_speaks_is_heard_and_later_only_the_same_system() {
-    let port = free_port();
-    let mut here = Line::open(&format!("udp:127.0.0.1:{port}").parse().unwrap()).unwrap();
+    let port = free_port("127.0.0.3");
+    let mut here = Line::open(&format!("udp:127.0.0.3:{port}").parse().unwrap()).unwrap();
     assert!(here.turned().is_none() && !here.is_open());
-    let at = |text: &str| Line::open(&format!("{text}:127.0.0.1:{port}").parse().unwrap()).unwrap();
+    let at = |text: &str| Line::open(&format!("{text}:127.0.0.3:{port}").parse().unwrap()).unwrap();
     // To listen there, too, cannot be meant.
     let mut autopilot = at("udp");
-    assert_eq!(autopilot.turned(), Some(format!("udpout:127.0.0.1:{port}")));
+    assert_eq!(autopilot.turned(), Some(format!("udpout:127.0.0.3:{port}")));
     let mut stranger = at("udpout");
     assert!(stranger.turned().is_none());
     stranger.write(b"no MAVLink");
@@ -132,9 +133,9 @@ fn where_udp_listens_the_first_that_speaks_is_heard_and_later_only_the_same_syst
 
 #[test]
 fn an_autopilot_takes_the_place_of_a_ground_station_that_spoke_first() {
-    let port = free_port();
-    let mut here = Line::open(&format!("udp:127.0.0.1:{port}").parse().unwrap()).unwrap();
-    let at = || Line::open(&format!("udpout:127.0.0.1:{port}").parse().unwrap()).unwrap();
+    let port = free_port("127.0.0.4");
+    let mut here = Line::open(&format!("udp:127.0.0.4:{port}").parse().unwrap()).unwrap();
+    let at = || Line::open(&format!("udpout:127.0.0.4:{port}").parse().unwrap()).unwrap();
     let (mut station, mut autopilot) = (at(), at());
     station.write(&frame(66));
     assert_eq!(read(&mut here, 21), frame(66));
@@ -147,9 +148,9 @@ fn an_autopilot_takes_the_place_of_a_ground_station_that_spoke_first() {
     assert!(here.read().is_empty());
 }
 
-/// A port that was free a moment ago.
-fn free_port() -> u16 {
-    std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+/// A port that was free a moment ago, of an address of this machine at which no other test listens.
+fn free_port(address: &str) -> u16 {
+    std::net::UdpSocket::bind((address, 0)).unwrap().local_addr().unwrap().port()
 }
 
 #[test]
