@@ -213,7 +213,7 @@ suite.run()"""
         self.addCleanup(program.kill)
         self.assertEqual(program.stdout.readline(), "ready\n")
         program.send_signal(signal.SIGINT)
-        _, errors = program.communicate(timeout=30)
+        _, errors = program.communicate(timeout=300)
         self.assertIn("KeyboardInterrupt", errors)
 
 

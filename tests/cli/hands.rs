@@ -2,6 +2,8 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+use std::net::UdpSocket;
+
 use foxhound_tests::{Autopilot, errors, run, run_json, share_machine, text};
 use serde_json::Value;
 
@@ -47,7 +49,9 @@ fn the_example_beside_an_autopilot_tells_no_wrong_bearing() {
 /// A `companion` that heard nobody tells no distances: they are null, not 0.
 #[test]
 fn a_companion_that_heard_nobody_tells_no_distances() {
-    let companion = ["companion", "--autopilot", "udpin:127.0.0.1:39471", "--source", "8,3,0", "--max-time", "0.5"];
+    let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let address = format!("udpout:{}", silent.local_addr().unwrap());
+    let companion = ["companion", "--autopilot", &address, "--source", "8,3,0", "--max-time", "0.5"];
     let (code, report) = run_json(&[&companion[..], &["--json"]].concat());
     assert_eq!((code, &report["result"]), (1, &"timeout".into()), "{report}");
     for key in ["to_beacon_m", "straight_line_m", "min_clearance_m", "bearing_rms_deg"] {

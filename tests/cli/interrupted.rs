@@ -2,15 +2,16 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
-use std::io::Read as _;
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
-use std::time::Duration;
+use std::process::{Child, Command, Output, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use foxhound_tests::{errors, foxhound, run, run_json, signal, take_machine, text};
 use serde_json::Value;
 
+use crate::live::Served;
 use crate::packed;
 
 const FULL: &str = "/dev/full";
@@ -88,19 +89,10 @@ fn a_flight_that_is_told_to_end_closes_its_files_and_prints_what_was_flown() {
         let path = |name: &str| text(&dir.path().join(name));
         let (mcap, tlog, report) = (path("f.mcap"), path("f.tlog"), path("f.html"));
         let files = ["--mcap", &mcap, "--tlog", &tlog, "--report", &report, "--flight-log", &path("f.log")];
-        let live = ["fly", "--json", "--live", "--port", "0", "--speed", "0.5"];
-        let mut command = foxhound();
-        command.args(live).args(files).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let mut child = command.spawn().unwrap();
-        // It prints the address of its page before the flight.
-        let mut byte = [0];
-        child.stderr.as_mut().unwrap().read_exact(&mut byte).unwrap();
-        std::thread::sleep(Duration::from_millis(1500));
-        signal(child.id(), name);
-        let output = child.wait_with_output().unwrap();
-        assert_eq!(output.status.code(), Some(code), "{}", errors(&output));
-        let printed: Value = serde_json::from_slice(&output.stdout).unwrap();
-        assert_eq!(printed["result"], "interrupted");
+        let flight = Served::with(&[&["fly", "--speed", "0.5"], &files[..]].concat());
+        flight.flies_for(0.7);
+        let (ended, printed) = flight.stop_by(name);
+        assert_eq!((ended, &printed["result"]), (code, &"interrupted".into()), "{printed}");
         assert!(printed["time_s"].as_f64().unwrap() > 0.1, "{printed}");
         assert_eq!(names(dir.path()), ["f.html", "f.log", "f.mcap", "f.tlog"]);
         let bytes = std::fs::read(&mcap).unwrap();
@@ -127,6 +119,41 @@ fn suite_command(file: &str, out: &Path, more: &[&str]) -> Command {
     command
 }
 
+/// A suite that is flown beside the test, and ends with it, however that ends.
+struct Flying(Option<Child>);
+
+impl Flying {
+    fn start(mut command: Command) -> Self {
+        Self(Some(command.spawn().unwrap()))
+    }
+
+    /// Waits until so many lines are in its journal.
+    fn until_lines(&mut self, count: usize, out: &Path) -> &mut Child {
+        let child = self.0.as_mut().unwrap();
+        let since = Instant::now();
+        while journal_lines(out) < count {
+            assert!(child.try_wait().unwrap().is_none(), "it has ended before");
+            assert!(since.elapsed() < Duration::from_secs(120), "it does not fly");
+            sleep(Duration::from_millis(2));
+        }
+        child
+    }
+
+    fn output(mut self) -> Output {
+        self.0.take().unwrap().wait_with_output().unwrap()
+    }
+}
+
+impl Drop for Flying {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.0 {
+            // It may have ended before.
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
 /// A suite that is killed by SIGKILL at twenty random moments and resumed gives the same bytes as an uninterrupted one, and leaves no
 /// journal behind.
 #[test]
@@ -135,25 +162,23 @@ fn a_suite_that_is_killed_twenty_times_and_resumed_is_the_suite_in_one_piece() {
     let dir = tempfile::tempdir().unwrap();
     let file = suite(dir.path());
     let (whole_in, out) = (dir.path().join("whole"), dir.path().join("pieces"));
-    let since = std::time::Instant::now();
     let whole = suite_command(&file, &whole_in, &[]).output().unwrap();
-    let took = since.elapsed();
     let expected = results(&whole_in, &whole);
 
-    // Moments of a linear congruential generator, up to a fifteenth of the whole: so that there is something left for the last.
+    // Moments of a linear congruential generator: up to 7 flights later, so that of the 240 there are some left for the last, and
+    // within the flight that follows.
     let mut random = 20_261_125_u64;
     let mut flown = Vec::new();
     for kill in 0..20 {
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        let wait = took.mul_f64((random >> 40) as f64 / (1 << 24) as f64 / 15.0);
-        let mut child = suite_command(&file, &out, &["--resume"]).spawn().unwrap();
-        std::thread::sleep(wait);
+        let (flights, wait_ms) = ((random >> 61) as usize, (random >> 40) % 20);
+        let mut flying = Flying::start(suite_command(&file, &out, &["--resume"]));
+        let child = flying.until_lines(journal_lines(&out) + flights, &out);
+        sleep(Duration::from_millis(wait_ms));
         assert!(child.try_wait().unwrap().is_none(), "kill {kill} is too late");
         child.kill().unwrap();
         assert_eq!(child.wait().unwrap().signal(), Some(9));
-        let journal = names_or_none(&out).into_iter().find(|name| name.ends_with(".journal"));
-        let lines = journal.map(|name| std::fs::read_to_string(out.join(name)).unwrap().matches('\n').count());
-        flown.push(lines.unwrap_or(0));
+        flown.push(journal_lines(&out));
     }
     assert!(flown.is_sorted() && flown[19] > flown[0], "{flown:?}");
     // Without an option it neither resumes nor starts again.
@@ -166,8 +191,11 @@ fn a_suite_that_is_killed_twenty_times_and_resumed_is_the_suite_in_one_piece() {
     assert_eq!(names(&out), ["f.csv", "f.parquet", "flights.jsonl"]);
 }
 
-fn names_or_none(folder: &Path) -> Vec<String> {
-    if folder.exists() { names(folder) } else { Vec::new() }
+/// Lines of the journal of the suite in a folder so far, of which the first is its header.
+fn journal_lines(folder: &Path) -> usize {
+    let names = if folder.exists() { names(folder) } else { Vec::new() };
+    let journal = names.into_iter().find(|name| name.ends_with(".journal"));
+    journal.map_or(0, |name| std::fs::read_to_string(folder.join(name)).unwrap().matches('\n').count())
 }
 
 /// A suite that receives SIGINT or SIGTERM prints and keeps its finished flights, ends with 130 or 143, and continues with `--resume`.
@@ -179,10 +207,10 @@ fn a_suite_that_is_told_to_end_prints_what_was_flown_and_goes_on() {
     let (whole_in, out) = (dir.path().join("whole"), dir.path().join("pieces"));
     let whole = suite_command(&file, &whole_in, &["--jobs", "1"]).output().unwrap();
     for (name, code) in [("-INT", 130), ("-TERM", 143)] {
-        let child = suite_command(&file, &out, &["--resume", "--jobs", "1"]).spawn().unwrap();
-        std::thread::sleep(Duration::from_millis(400));
-        signal(child.id(), name);
-        let output = child.wait_with_output().unwrap();
+        let before = journal_lines(&out).max(1);
+        let mut flying = Flying::start(suite_command(&file, &out, &["--resume", "--jobs", "1"]));
+        signal(flying.until_lines(before + 1, &out).id(), name);
+        let output = flying.output();
         assert_eq!(output.status.code(), Some(code), "{}", errors(&output));
         let printed: Value = serde_json::from_slice(&output.stdout).unwrap();
         let runs = printed["all"]["runs"].as_u64().unwrap();

@@ -12,14 +12,14 @@ use serde_json::Value;
 use crate::packed;
 
 /// A flight that is served; it ends with the test.
-struct Served {
+pub(crate) struct Served {
     child: Child,
     address: String,
 }
 
 impl Served {
     /// Starts `foxhound` with arguments and a port of the system's choice, and reads where the page is.
-    fn with(arguments: &[&str]) -> Self {
+    pub(crate) fn with(arguments: &[&str]) -> Self {
         let mut command = foxhound();
         command.args(arguments).args(["--json", "--live", "--port", "0"]);
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
@@ -78,9 +78,23 @@ impl Served {
         }
     }
 
-    /// Stops it; returns its exit code, and its output.
-    fn stop(mut self) -> (i32, Value) {
-        signal(self.child.id(), "-INT");
+    /// Waits until so much of it is flown.
+    pub(crate) fn flies_for(&self, time_s: f64) {
+        let since = Instant::now();
+        while last_time_s(&self.records(0)) < time_s {
+            assert!(since.elapsed() < Duration::from_secs(120), "it does not fly");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Stops it by Ctrl-C; returns its exit code, and its output.
+    fn stop(self) -> (i32, Value) {
+        self.stop_by("-INT")
+    }
+
+    /// The same by a signal.
+    pub(crate) fn stop_by(mut self, name: &str) -> (i32, Value) {
+        signal(self.child.id(), name);
         let code = self.child.wait().unwrap().code();
         let mut text = String::new();
         self.child.stdout.take().unwrap().read_to_string(&mut text).unwrap();
@@ -165,17 +179,19 @@ fn a_port_that_is_taken_is_refused_by_name() {
     }
 }
 
+/// Has a browser watch flights, which it starts when it is there itself.
+fn watched(arguments: &[&str]) {
+    let program = foxhound().get_program().to_str().unwrap().to_owned();
+    checked_by("live_page.py", &[&[program.as_str()], arguments].concat());
+}
+
 /// A browser that opens the live page at any time sees the drone move, and the finished report at the end.
 #[test]
 #[ignore = "needs a browser: cargo xtask test"]
 fn browsers_see_the_drone_move_on_whenever_they_come_and_the_finished_report_at_the_end() {
     let _machine = take_machine();
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("flight.html");
-    let path = path.to_str().unwrap();
-    let served = Served::with(&["fly", "--speed", "0.5", "--report", path]);
-    checked_by("live_page.py", &[&served.address, "--report", path]);
-    assert_eq!(served.stop().0, 0);
+    watched(&["--report", folder.path().join("flight.html").to_str().unwrap()]);
 }
 
 /// When the flight's program is killed, the live page says that it was cut off and still shows what was flown.
@@ -183,6 +199,5 @@ fn browsers_see_the_drone_move_on_whenever_they_come_and_the_finished_report_at_
 #[ignore = "needs a browser: cargo xtask test"]
 fn a_browser_says_so_when_the_flight_is_cut_off() {
     let _machine = take_machine();
-    let served = Served::with(&["fly", "--speed", "0.5"]);
-    checked_by("live_page.py", &[&served.address, "--cut", &served.child.id().to_string()]);
+    watched(&["--cut"]);
 }

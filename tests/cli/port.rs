@@ -5,6 +5,8 @@ use std::fs;
 use std::io::{BufRead as _, BufReader};
 use std::os::unix::fs::symlink;
 use std::process::Stdio;
+use std::thread::sleep;
+use std::time::Duration;
 
 use foxhound_sim::autopilot::transport::{Address, Line, Listen};
 use foxhound_tests::{foxhound, refused, run, text};
@@ -43,11 +45,11 @@ fn a_cable_that_goes_is_told_and_so_is_its_return() {
     let (first, end) = board();
     symlink(end, &device).unwrap();
     let mut command = foxhound();
-    command.args(["port", "--serial", &text(&device), "--seconds", "4", "--log", &text(&log)]);
+    command.args(["port", "--serial", &text(&device), "--seconds", "8", "--log", &text(&log)]);
     let mut port = command.stderr(Stdio::piped()).spawn().unwrap();
     let mut told = BufReader::new(port.stderr.take().unwrap()).lines();
     while !log.exists() {
-        std::thread::yield_now();
+        sleep(Duration::from_millis(2));
     }
     drop(first);
     let line = told.next().unwrap_or_else(|| panic!("{:?}", port.wait())).unwrap();
@@ -59,6 +61,7 @@ fn a_cable_that_goes_is_told_and_so_is_its_return() {
     assert!(line.contains("the port is back"), "{line}");
     while !second.is_open() {
         second.read();
+        sleep(Duration::from_millis(2));
     }
     second.write(b"more");
     assert_eq!(port.wait().unwrap().code(), Some(1));

@@ -49,7 +49,7 @@ def send(processes, number):
 
 def hold(running, other_than=None):
     """Stops a flight, of another node than one if that is given: it cannot end then. The flight, its worker and its node."""
-    until = time.monotonic() + 120
+    until = time.monotonic() + 600
     while running.poll() is None and time.monotonic() < until:
         for flight, worker, node in flights():
             if node != other_than:
@@ -78,7 +78,7 @@ kill = arguments[0] == "--kill"
 cluster = Cluster(initialize_head=True, head_node_args={**NODE, "include_dashboard": False})
 try:
     cluster.add_node(**NODE)
-    cluster.wait_for_nodes()
+    cluster.wait_for_nodes(timeout=300)
     script, *options = arguments[kill:]
     running = subprocess.Popen([sys.executable, script, "--address", cluster.address, *options])
     if kill:

@@ -4,6 +4,7 @@
 
 use std::f64::consts::TAU;
 use std::path::Path;
+use std::sync::mpsc::RecvTimeoutError;
 
 use foxhound_sim::tools::iq::{self, Frames};
 use foxhound_sim::tools::radio_array::RadioArray;
@@ -473,16 +474,18 @@ fn listen_makes_a_page_of_a_recording_and_of_a_radio() {
     assert_eq!((html.matches("<svg").count(), html.matches("<polyline").count()), (2, 8));
 
     let port = std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    // It sends until the other end is dropped.
+    let (sends, ended) = std::sync::mpsc::channel::<()>();
     let sender = std::thread::spawn(move || {
         let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
-        for _ in 0..60 {
+        while ended.recv_timeout(std::time::Duration::from_millis(50)) == Err(RecvTimeoutError::Timeout) {
             let _ = socket.send_to(b"{\"azimuth_deg\": 30, \"sigma_deg\": 5}", ("127.0.0.1", port));
-            std::thread::sleep(std::time::Duration::from_millis(50));
         }
     });
     let (source, out) = (format!("udp:127.0.0.1:{port}"), text(&files.path("live.html")));
     let (code, summary) = run_json(&["listen", "--bearings", &source, "--seconds", "2", "--out", &out, "--json"]);
     assert!(code == 0 && summary["valid"].as_u64().unwrap() >= 3, "{summary}");
+    drop(sends);
     sender.join().unwrap();
     assert_refused(&["listen"], &[(&[][..], ["<FILE>"]), (&["a.wav"], ["--array"])]);
 }
