@@ -8,12 +8,13 @@ use std::error::Error;
 use std::path::Path;
 use std::process::ExitCode;
 
+use foxhound_sim::scenario::Scenario;
 use foxhound_sim::scenario::input::InputError;
 use foxhound_sim::study::gusts::page as gusts;
 use foxhound_sim::study::landings::{SCENES, page as landings};
 use foxhound_sim::study::matrix::{World, barn, forests, gusty, page as matrix, pillars, thickets, traps};
 use foxhound_sim::study::{Campaign, seeds};
-use serde_json::json;
+use serde_json::{Value, json};
 
 const USAGE: &str = "gusts FLIGHTS PAGE [development] | landings FLIGHTS PAGE [development] \
     | matrix TIMES BARN PAGE [SETTING] | worlds FLIGHTS TRAPS BARN";
@@ -75,12 +76,25 @@ fn worlds(flights: u64, trap_folder: &str, barn_folder: &str) -> Result<(), Box<
         let world = |seed| Ok(World { scenario: scene.scenario(seed)?, seed, shortest_m: None });
         kinds.push((scene.name, seeds::test(flights.div_ceil(4)).map(world).collect::<Result<_, InputError>>()?));
     }
+    let usual = serde_json::to_value(Scenario::default())?;
     for (kind, worlds) in kinds {
         for World { scenario, seed, shortest_m } in worlds {
+            let mut scenario = serde_json::to_value(scenario)?;
+            leave_out(&mut scenario, &usual);
             println!("{}", json!({"kind": kind, "seed": seed, "shortest_m": shortest_m, "scenario": scenario}));
         }
     }
     Ok(())
+}
+
+/// Leaves out what is as usual: a build of before need not know it.
+fn leave_out(value: &mut Value, usual: &Value) {
+    let (Some(values), Some(usual)) = (value.as_object_mut(), usual.as_object()) else { return };
+    values.retain(|key, value| {
+        let usual = usual.get(key);
+        usual.into_iter().for_each(|usual| leave_out(value, usual));
+        usual != Some(value) && *value != json!({})
+    });
 }
 
 fn tell(line: &str) {
