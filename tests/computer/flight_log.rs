@@ -309,6 +309,11 @@ fn rubbish_around_frames_changes_nothing_and_a_log_can_end_anywhere() {
         assert_eq!(summary.verdict(), "ends inside a frame: identical as far as it goes", "{cut} bytes off the end");
     }
     assert_eq!(whole.verdict(), "identical");
+    let mut damaged = log.clone();
+    let last = damaged.len() - 10;
+    damaged[last] ^= 0x40;
+    let summary = replay(&damaged).unwrap();
+    assert_eq!((summary.gaps, &summary.verdict()[..]), (0, "ends inside a frame: identical as far as it goes"));
     // A flight that began before cannot be flown again, one that begins later can.
     let tail = &log[log.len() / 2..];
     assert!(replay(tail).unwrap_err().to_string().contains("no beginning"));

@@ -65,7 +65,7 @@ impl Alone {
         (output.status.code(), String::from_utf8_lossy(&output.stdout).into_owned())
     }
 
-    /// The whole status: an answer ends for `foxhound port` where QEMU gets no processor for 0.3 s.
+    /// The whole status: an answer ends for `foxhound port` where QEMU gets no processor for a second.
     fn status(&self) -> String {
         let answers = (0..10).map(|_| self.ask("status").1);
         let whole = answers.into_iter().find(|status| status.lines().any(|line| line.starts_with("speak: ")));

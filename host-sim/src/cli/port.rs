@@ -39,7 +39,7 @@ self-test has failed; 2 bad usage, no such port, or a dump that is refused.";
 /// Time to wait for an answer, or for the next frame.
 const PATIENCE: Duration = Duration::from_secs(3);
 /// An answer has ended after a silence of this length.
-const SILENCE: Duration = Duration::from_millis(300);
+const SILENCE: Duration = Duration::from_secs(1);
 /// Time to wait for the result of a self-test or a calibration, which take 1.5 s.
 const EXAMINATION: Duration = Duration::from_secs(6);
 const BAUD_MIN: u64 = *BAUDS.start() as u64;

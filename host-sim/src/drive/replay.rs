@@ -47,7 +47,7 @@ pub struct Summary {
     pub frames: u64,
     /// Pieces of the file that are not frames.
     pub rubbish: u64,
-    /// Whether the file ends inside a frame, or inside something that is none.
+    /// Whether the file ends inside a frame, or with something that is none, such as a damaged one.
     pub ends_inside: bool,
     /// Number of gaps.
     pub gaps: u64,
@@ -101,15 +101,17 @@ impl Summary {
 /// No flight begins in it, or it was written by another version.
 pub fn replay(bytes: &[u8]) -> Result<Summary, InputError> {
     let mut replay = Replay::default();
-    let mut deframer = LogDeframer::new();
+    let (mut deframer, mut rubbish_before) = (LogDeframer::new(), 0);
     for byte in bytes {
         if let Some(frame) = deframer.push(*byte) {
             replay.read(&frame)?;
+            rubbish_before = deframer.rubbish();
         }
     }
     let mut summary = replay.summary;
     summary.rubbish = deframer.rubbish();
-    summary.ends_inside = deframer.is_inside();
+    // The number of the next frame would tell that one is missing, but there is none.
+    summary.ends_inside = deframer.is_inside() || summary.rubbish > rubbish_before;
     match (summary.flights, summary.frames) {
         (0, 0) => Err(InputError::new("no flight log found")),
         (0, _) => Err(InputError::new("the flight log has no beginning: the capture started later than the computer")),
