@@ -106,7 +106,7 @@ pub trait Write {
 pub trait Receiver: Read {
     /// Takes the bytes that are available.
     fn try_read(&mut self, bytes: &mut [u8]) -> usize;
-    /// The largest number that waited, and the number lost.
+    /// The largest number that waited, the size of the buffer, which is the most that a step takes, and the number lost.
     fn waiting(&self) -> Waiting;
     /// Number of errors: noise, framing errors or overruns.
     fn errors(&self) -> u32;

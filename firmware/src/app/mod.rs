@@ -441,8 +441,8 @@ impl<B: Board> Line<B> {
         }
     }
 
-    /// Passes received bytes on: in lock-step exactly those that belong before this step, otherwise all that wait, and of what
-    /// comes meanwhile no more than another buffer: no sender holds up the step.
+    /// Passes received bytes on: in lock-step exactly those that belong before this step, otherwise those that wait and come
+    /// meanwhile, in all no more than the buffer holds: no sender holds up the step.
     async fn read(&mut self, flight: &mut Flight<'_>, log: &mut Log<'_>, step: &Step<'_>) {
         let mut bytes = [0; PIECE_BYTES];
         let is_awaited = step.lock_step.is_some();
