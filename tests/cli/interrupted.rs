@@ -172,7 +172,7 @@ fn a_suite_that_is_killed_twenty_times_and_resumed_is_the_suite_in_one_piece() {
     for kill in 0..20 {
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         let (flights, wait_ms) = ((random >> 61) as usize, (random >> 40) % 20);
-        let mut flying = Flying::start(suite_command(&file, &out, &["--resume"]));
+        let mut flying = Flying::start(suite_command(&file, &out, &["--resume", "--jobs", "2"]));
         let child = flying.until_lines(journal_lines(&out) + flights, &out);
         sleep(Duration::from_millis(wait_ms));
         assert!(child.try_wait().unwrap().is_none(), "kill {kill} is too late");

@@ -284,6 +284,8 @@ fn fly(source: &str) -> Outcome {
     }
     attack.ends.store(true, Ordering::Relaxed);
     has_ended.store(true, Ordering::Relaxed);
+    // The page is still there a second later.
+    sleep(Duration::from_secs(1));
     let ended = companion.0.try_wait().unwrap().map(|status| status.code().unwrap_or(-1));
     if ended.is_none() {
         companion.interrupt();
@@ -321,7 +323,7 @@ fn expect(source: &str, least_s: f64) {
         assert!(outcome.memory_most_kb < outcome.memory_before_kb + GROWTH_MAX_KB, "{outcome:?}");
         // A page that behaves waits for its turn, and not for ever.
         let is_answered = outcome.answers > 2 && outcome.slowest_answer_s < 10.0;
-        let is_judged = outcome.excused < outcome.setpoints / 2;
+        let is_judged = outcome.excused < outcome.setpoints / 10;
         if is_answered && is_judged && outcome.longest_gap_s <= GAP_MAX_S {
             return;
         }
@@ -329,7 +331,8 @@ fn expect(source: &str, least_s: f64) {
     }
 }
 
-/// An attack on the live page neither ends the flight nor delays a setpoint by more than 0.1 s.
+/// An attack on the live page neither ends the flight nor delays a setpoint by more than 0.1 s, but for at most a tenth of them, while
+/// the machine let this test wait, too.
 #[test]
 fn an_attack_on_the_page_neither_ends_nor_slows_the_flight() {
     let _machine = take_machine();

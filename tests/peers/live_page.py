@@ -132,7 +132,7 @@ def follow(browser):
 
 
 def to_the_end(browser, file):
-    """One page has seen all of the flight, one comes in between, one after the end."""
+    """One page has seen all of the flight, one comes later, one after the end."""
     with flight("--speed", "2", "--report", file) as (process, address):
         early = opened(browser, address)
         until(early, f"flight.steps.length > {STEPS}", "steps come")
@@ -150,7 +150,7 @@ def to_the_end(browser, file):
         early.wait_for_timeout(500)
         check(len(requests) == asked, "who has it all asks no more")
         process.send_signal(signal.SIGINT)
-        check(process.wait() == 0, "it is served until Ctrl-C")
+        check(process.wait(timeout=120) == 0, "it is served until Ctrl-C")
 
 
 def cut(browser):

@@ -47,7 +47,7 @@ fn pymavlink_reads_the_firmwares_own_bytes() {
     checked_by("check_tlog.py", &[log]);
 }
 
-/// In the mode but without antennas the image streams zero velocity at 20 Hz.
+/// In the mode but without antennas the image streams zero velocity at 20 Hz, by its own clock.
 #[test]
 #[ignore = "needs QEMU, the image and pymavlink: cargo xtask test"]
 fn in_the_mode_without_antennas_the_image_streams_zero_velocity() {
@@ -111,7 +111,7 @@ fn without_a_doorbell_the_image_beats_once_a_second_and_sends_no_motion() {
         .unwrap();
     let (begin, mut counts) = (Instant::now(), serde_json::Value::Null);
     let beats = |counts: &serde_json::Value| counts["counts"]["0"].as_u64().unwrap_or(0);
-    while beats(&counts) < 4 && begin.elapsed() < Duration::from_secs(60) {
+    while beats(&counts) < 8 && begin.elapsed() < Duration::from_secs(60) {
         sleep(Duration::from_secs(1));
         counts = serde_json::from_slice(&run(&["tlog", &bytes.to_string_lossy(), "--raw", "--json"]).stdout)
             .unwrap_or_default();
@@ -121,6 +121,6 @@ fn without_a_doorbell_the_image_beats_once_a_second_and_sends_no_motion() {
     qemu.wait().unwrap();
     assert_eq!((&counts["bad_crc"], &counts["skipped_bytes"]), (&0.into(), &0.into()), "{counts}");
     // A beat, on a machine that may be busy, and no flood.
-    assert!((4..=passed_s + 2).contains(&beats(&counts)), "{counts} in {passed_s} s");
+    assert!((8..=passed_s + 3).contains(&beats(&counts)), "{counts} in {passed_s} s");
     assert!(counts["counts"].get("84").is_none(), "no setpoint without an autopilot: {counts}");
 }

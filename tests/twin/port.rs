@@ -67,9 +67,11 @@ impl Alone {
 
     /// The whole status: an answer ends for `foxhound port` where QEMU gets no processor for a second.
     fn status(&self) -> String {
-        let answers = (0..10).map(|_| self.ask("status").1);
-        let whole = answers.into_iter().find(|status| status.lines().any(|line| line.starts_with("speak: ")));
-        whole.unwrap()
+        let mut answers = (0..10).map(|_| self.ask("status"));
+        let (code, status) =
+            answers.find(|(_, status)| status.lines().any(|line| line.starts_with("speak: "))).unwrap();
+        assert_eq!(code, Some(0), "{status}");
+        status
     }
 }
 

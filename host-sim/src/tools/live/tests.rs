@@ -126,7 +126,8 @@ fn json_lines_come_by_udp_with_their_age_and_silence_is_named() {
             &mut live,
             || send(line),
             |state, bearing| {
-                assert!(bearing.is_none(), "{line}");
+                // The last good line may come twice.
+                assert!(bearing.is_none_or(|bearing| (degrees(&bearing) - 29.648).abs() < 0.01), "{line}");
                 state.name() == name
             },
         );
