@@ -87,7 +87,7 @@ fn worlds(flights: u64, trap_folder: &str, barn_folder: &str) -> Result<(), Box<
     Ok(())
 }
 
-/// Leaves out what is as usual: a build of before need not know it.
+/// Leaves out what is as usual: a build of before need not know it. Where its usual is another, it flies another world.
 fn leave_out(value: &mut Value, usual: &Value) {
     let (Some(values), Some(usual)) = (value.as_object_mut(), usual.as_object()) else { return };
     values.retain(|key, value| {
