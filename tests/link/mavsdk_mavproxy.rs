@@ -115,15 +115,12 @@ fn mavsdk_reads_every_word(software: &str, landing_frame: f64) {
     }
     let last = setpoints.last().unwrap();
     assert!(last.is(&[("vx", 0.0), ("vy", 0.0), ("vz", 0.0), ("yaw_rate", 0.0)]), "{}", last.0);
-    // Twenty a second by the companion's own clock; a busy machine leaves some out.
+    // Twenty a second by the companion's own clock.
     let times_s: Vec<f64> =
         setpoints.iter().filter(|setpoint| is_moving(setpoint)).map(|m| m.number("time_boot_ms") / 1e3).collect();
     let span_s = times_s.last().unwrap() - times_s[0];
-    let mut intervals_s: Vec<f64> = times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    intervals_s.sort_by(f64::total_cmp);
-    let median_s = intervals_s[intervals_s.len() / 2];
-    let rate_hz = intervals_s.len() as f64 / span_s;
-    assert!(span_s >= 3.0 && (median_s - 0.05).abs() <= 0.0105 && rate_hz > 10.0, "{median_s} s, {rate_hz} Hz");
+    let rate_hz = (times_s.len() - 1) as f64 / span_s;
+    assert!(span_s >= 3.0 && (16.0..=24.0).contains(&rate_hz), "{rate_hz} Hz in {span_s} s");
 
     let beats = transcript.of("HEARTBEAT");
     assert!(beats.len() > 4 && beats.iter().all(|beat| beat.is(&[("type", 18.0), ("autopilot", 8.0)])));

@@ -10,9 +10,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
 use std::time::Duration;
 
-use foxhound_tests::{assert_refused, foxhound, share_machine, text};
+use foxhound_tests::{Program, assert_refused, foxhound, share_machine, text};
 
-use crate::companion::{Bench, Companion, ended, start};
+use crate::companion::{Bench, ended, start};
 
 const BEACON_NORTH_M: f64 = 20.0;
 /// So near to the beacon a bearing changes much while it is on its way: it tells how busy the machine is.
@@ -96,10 +96,9 @@ fn a_beacon_whose_place_is_not_known_is_flown_to_until_it_is_stopped() {
     let folder = tempfile::tempdir().unwrap();
     let mcap = folder.path().join("flight.mcap");
     command.args(["--bearings", &source, "--params", &params(folder.path()), "--mcap", &text(&mcap)]);
-    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let child = Companion(child);
+    let child = Program::spawn(command.stdout(Stdio::piped()).stderr(Stdio::piped()));
     bench.wait("it flies", |heard| heard.position_ned_m[0] > 6.0);
-    child.interrupt();
+    child.signal("-INT");
     let (code, report) = ended(child);
     assert!(code == 130 && report["bearing_rms_deg"].is_null(), "{report}");
     // Its messages are JSON, uncompressed. Schemas have these names, too, with an object.

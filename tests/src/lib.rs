@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
 use std::ffi::OsStr;
-use std::io::{BufRead as _, BufReader, Lines, Write as _};
+use std::io::{BufRead as _, BufReader, Lines, Read, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Output, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -241,6 +241,26 @@ impl Program {
         Self(command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap())
     }
 
+    /// Starts it with input and output as its command has them.
+    #[must_use]
+    pub fn spawn(command: &mut Command) -> Self {
+        Self(command.spawn().unwrap())
+    }
+
+    /// The process.
+    pub const fn child(&mut self) -> &mut Child {
+        &mut self.0
+    }
+
+    /// Waits for its end, and reads to it what it says.
+    #[must_use]
+    pub fn output(&mut self) -> Output {
+        let errors = self.0.stderr.take();
+        let errors = std::thread::spawn(move || all_of(errors));
+        let stdout = all_of(self.0.stdout.take());
+        Output { status: self.0.wait().unwrap(), stdout, stderr: errors.join().unwrap() }
+    }
+
     /// What it says, line for line; once.
     #[must_use]
     pub fn lines(&mut self) -> Lines<BufReader<ChildStdout>> {
@@ -261,6 +281,14 @@ impl Program {
     pub fn wait(&mut self) -> i32 {
         self.0.wait().unwrap().code().unwrap_or(-1)
     }
+}
+
+fn all_of(pipe: Option<impl Read>) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    if let Some(mut pipe) = pipe {
+        pipe.read_to_end(&mut bytes).unwrap();
+    }
+    bytes
 }
 
 impl Drop for Program {
