@@ -1,16 +1,18 @@
-"""Records how an autopilot follows the velocity setpoints that Foxhound sends: steps, stops, turns and reversals.
+"""Records how an autopilot follows the setpoints that Foxhound sends: steps, stops, turns and reversals, or yaw rates.
 
     python3 examples/step_response.py ardupilot tcp:127.0.0.1:5762        # out/step_response.csv
     python3 examples/step_response.py px4 udpin:127.0.0.1:14540 --repeats 4 --speeds 1 3 5 --mean out/mean.csv
+    python3 examples/step_response.py px4 udpin:127.0.0.1:14540 --repeats 4 --yaw-rates 1 4 --mean out/yaw.csv
 
 It is pilot and companion in one: arms, takes off, enters GUIDED or OFFBOARD, streams SET_POSITION_TARGET_LOCAL_NED
 at 20 Hz with mask 0x05C7 (velocity and yaw rate), and lands. For a simulated autopilot only: nothing looks for
-obstacles. Every repeat flies in another direction. Needs pymavlink.
+obstacles. Every repeat flies in another direction, or yaws to the other side. Needs pymavlink.
 
 Rows of the CSV: `command` (sent), `estimate` (LOCAL_POSITION_NED) and `truth` (of the simulator: SIM_STATE of
 ArduPilot, HIL_STATE_QUATERNION of PX4; its position is relative to its first row). Estimates are at the autopilot's
 time, shifted by the least delay seen nearby; commands and truth at the time of sending and arrival.
-`--mean` writes the truth every 0.1 s, along and across the direction of the repeat, as a mean of all repeats.
+`--mean` writes the truth every 0.1 s, along and across the direction of the repeat, as a mean of all repeats; of yaw
+rates every 0.05 s the angle since the beginning, to the side of the repeat.
 """
 
 import argparse
@@ -31,7 +33,8 @@ MASK = 0x05C7
 HEIGHT_M = 6.0
 TURN_MPS = 2.0
 STEP_S, STOP_S = 6.0, 6.0
-MEAN_S = 0.1
+YAW_STEP_S, YAW_STOP_S = 3.0, 2.0
+MEAN_S, YAW_MEAN_S = 0.1, 0.05
 EARTH_M_PER_DEG = 111_318.8
 # Main and sub mode of DO_SET_MODE, and what HEARTBEAT then shows.
 FOLLOW = {"ardupilot": (4, 0, 4), "px4": (6, 0, 6 << 16)}
@@ -51,6 +54,7 @@ class Vehicle:
         self.acks, self.texts = {}, []
         self.next_beat_s = self.next_setpoint_s = 0.0
         self.velocity = None
+        self.yaw_rate_radps = 0.0
         self.leg = "wait"
         self.commands, self.truths, self.estimates, self.begins_s = [], [], [], []
 
@@ -77,9 +81,9 @@ class Vehicle:
         system, boot_ms = self.beat.get_srcSystem(), int(now_s * 1e3)
         frame, velocity = MAV.MAV_FRAME_LOCAL_NED, (north, east, 0)
         self.link.mav.set_position_target_local_ned_send(
-            boot_ms, system, 1, frame, MASK, 0, 0, 0, *velocity, 0, 0, 0, 0, 0
+            boot_ms, system, 1, frame, MASK, 0, 0, 0, *velocity, 0, 0, 0, 0, self.yaw_rate_radps
         )
-        self.commands.append((now_s, self.leg, (NAN, NAN, NAN), (north, east, 0.0)))
+        self.commands.append((now_s, self.leg, (NAN, NAN, NAN), (north, east, 0.0), (NAN, self.yaw_rate_radps)))
 
     def take(self, message):
         now_s, kind = self.now(), message.get_type()
@@ -96,19 +100,22 @@ class Vehicle:
         elif kind == "LOCAL_POSITION_NED":
             self.place = message
             position, velocity = (message.x, message.y, message.z), (message.vx, message.vy, message.vz)
-            self.estimates.append((now_s, message.time_boot_ms * 1e-3, self.leg, position, velocity))
+            self.estimates.append((now_s, message.time_boot_ms * 1e-3, self.leg, position, velocity, (NAN, NAN)))
         elif kind == "SIM_STATE":
             position = message.lat_int * 1e-7, message.lon_int * 1e-7, message.alt
-            self.truth(now_s, position, (message.vn, message.ve, message.vd))
+            yaw = message.yaw, message.zgyro
+            self.truth(now_s, position, (message.vn, message.ve, message.vd), yaw)
         elif kind == "HIL_STATE_QUATERNION":
             position = message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3
-            self.truth(now_s, position, (message.vx * 0.01, message.vy * 0.01, message.vz * 0.01))
+            w, x, y, z = message.attitude_quaternion
+            yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)), message.yawspeed
+            self.truth(now_s, position, (message.vx * 0.01, message.vy * 0.01, message.vz * 0.01), yaw)
 
-    def truth(self, now_s, geographic, velocity):
+    def truth(self, now_s, geographic, velocity, yaw):
         self.home = self.home or geographic
         north_m = (geographic[0] - self.home[0]) * EARTH_M_PER_DEG
         east_m = (geographic[1] - self.home[1]) * EARTH_M_PER_DEG * math.cos(math.radians(self.home[0]))
-        self.truths.append((now_s, self.leg, (north_m, east_m, self.home[2] - geographic[2]), velocity))
+        self.truths.append((now_s, self.leg, (north_m, east_m, self.home[2] - geographic[2]), velocity, yaw))
 
     def until(self, what, is_true, seconds):
         end_s = self.now() + seconds
@@ -177,6 +184,12 @@ class Vehicle:
         self.next_setpoint_s = self.now()
         self.pump(seconds)
 
+    def turn(self, yaw_rate_radps, seconds):
+        self.leg = f"yaw {yaw_rate_radps:g}"
+        self.velocity, self.yaw_rate_radps = (0.0, 0.0), yaw_rate_radps
+        self.next_setpoint_s = self.now()
+        self.pump(seconds)
+
     def land(self):
         self.leg, self.velocity = "land", None
         self.enter("LAND", LAND[self.kind])
@@ -192,8 +205,36 @@ def rows(vehicle):
     found += [(now_s, "truth", *rest) for now_s, *rest in vehicle.truths]
     estimates = zip(vehicle.estimates, shifts_s, strict=True)
     found += [(boot_s + shift_s, "estimate", *rest) for (_, boot_s, *rest), shift_s in estimates]
-    for time_s, source, leg, position, velocity in sorted(found, key=lambda row: row[0]):
-        yield [f"{time_s:.4f}", source, leg, *(f"{x:.4f}" for x in position), *(f"{x:.4f}" for x in velocity)]
+    for time_s, source, leg, *vectors in sorted(found, key=lambda row: row[0]):
+        yield [f"{time_s:.4f}", source, leg, *(f"{x:.4f}" for vector in vectors for x in vector)]
+
+
+def mean_yaw(vehicle, repeats):
+    """The truth of all repeats as one, to the side of each."""
+    begins_s = vehicle.begins_s
+    ends_s = [*begins_s[1:], vehicle.commands[-1][0]]
+    period_s = min(end_s - begin_s for begin_s, end_s in zip(begins_s, ends_s, strict=True))
+    sums = [[0.0] * 2 for _ in range(int(period_s / YAW_MEAN_S))]
+    for repeat, begin_s in enumerate(begins_s):
+        side = 1 - 2 * (repeat % 2)
+        sent = [(now_s - begin_s, yaw[1]) for now_s, *_, yaw in vehicle.commands]
+        true = [(now_s - begin_s, yaw[0]) for now_s, *_, yaw in vehicle.truths]
+        angle_rad, at, command_at, first_rad = 0.0, 0, 0, None
+        for step, total in enumerate(sums):
+            now_s = step * YAW_MEAN_S
+            while true[at + 1][0] < now_s:
+                angle_rad += math.remainder(true[at + 1][1] - true[at][1], math.tau)
+                at += 1
+            while command_at + 1 < len(sent) and sent[command_at + 1][0] <= now_s + PERIOD_S / 2:
+                command_at += 1
+            (before_s, before_rad), (after_s, after_rad) = true[at], true[at + 1]
+            share = (now_s - before_s) / (after_s - before_s)
+            now_rad = angle_rad + share * math.remainder(after_rad - before_rad, math.tau)
+            first_rad = now_rad if first_rad is None else first_rad
+            total[0] += side * sent[command_at][1] / repeats
+            total[1] += side * (now_rad - first_rad) / repeats
+    for step, total in enumerate(sums):
+        yield [f"{step * YAW_MEAN_S:.2f}", *(f"{x + 0.0:.4f}" for x in total)]
 
 
 def mean(vehicle, repeats):
@@ -216,7 +257,7 @@ def mean(vehicle, repeats):
                 command_at += 1
             (before_s, _, *before), (after_s, _, *after) = truth[at], truth[at + 1]
             share = (now_s - before_s) / (after_s - before_s)
-            pairs = zip(before, after, strict=True)
+            pairs = zip(before[:2], after[:2], strict=True)
             place, speed = ([x + share * (y - x) for x, y in zip(*pair, strict=True)] for pair in pairs)
             first = first or place
             place = [x - y for x, y in zip(place, first, strict=True)]
@@ -241,6 +282,7 @@ def main():
     parser.add_argument("autopilot", choices=sorted(FOLLOW))
     parser.add_argument("address", help="as pymavlink writes it")
     parser.add_argument("--speeds", type=float, nargs="+", default=[1, 2, 3, 4, 5], metavar="M/S")
+    parser.add_argument("--yaw-rates", type=float, nargs="+", metavar="RAD/S", help="these, hovering, in place of speeds")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--out", type=Path, default=Path("out/step_response.csv"))
     parser.add_argument("--mean", type=Path, help="the mean of the repeats as well")
@@ -250,6 +292,11 @@ def main():
     for repeat in range(args.repeats):
         direction_deg = 360 * repeat / args.repeats
         vehicle.begins_s.append(vehicle.now())
+        if args.yaw_rates:
+            for rate_radps in args.yaw_rates:
+                vehicle.turn(rate_radps * (1 - 2 * (repeat % 2)), YAW_STEP_S)
+                vehicle.turn(0.0, YAW_STOP_S)
+            continue
         for speed_mps in args.speeds:
             vehicle.fly("step", speed_mps, direction_deg, STEP_S)
             vehicle.fly("stop", 0, direction_deg, STOP_S)
@@ -258,8 +305,10 @@ def main():
             vehicle.fly(leg, TURN_MPS, direction_deg + turned_deg, STEP_S)
             vehicle.fly("stop", 0, direction_deg, STOP_S)
     vehicle.land()
-    write(args.out, "time_s source leg north_m east_m down_m vn_mps ve_mps vd_mps", rows(vehicle))
-    if args.mean:
+    write(args.out, "time_s source leg north_m east_m down_m vn_mps ve_mps vd_mps yaw_rad yaw_rate_radps", rows(vehicle))
+    if args.mean and args.yaw_rates:
+        write(args.mean, "time_s command_radps yaw_rad", mean_yaw(vehicle, args.repeats))
+    elif args.mean:
         header = "time_s command_along_mps command_across_mps along_m across_m along_mps across_mps"
         write(args.mean, header, mean(vehicle, args.repeats))
     counts = f"{len(vehicle.commands)} setpoints, {len(vehicle.estimates)} estimates, {len(vehicle.truths)} of truth"
