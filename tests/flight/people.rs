@@ -154,16 +154,16 @@ fn recorded_people_who_do_not_step_aside_are_evaded() {
             ("scan of 90 deg, 3 m, evading at 2 m/s", SCAN_90_FAST, "point", 51, 174),
             ("told all round, 1 m/s", TOLD_1, "arducopter", 0, 225),
             ("told all round, 2 m/s", TOLD_2, "arducopter", 6, 219),
-            ("scan of 72 sectors all round", SCAN_360, "arducopter", 20, 205),
-            ("scan of 360 rays all round", RAYS_360, "arducopter", 12, 213),
-            ("lidar on the computer's own line", LIDAR, "arducopter", 8, 217),
-            ("72 sectors at once", SCAN_360_AT_ONCE, "arducopter", 25, 200),
-            ("360 rays at once", RAYS_360_AT_ONCE, "arducopter", 7, 218),
-            ("72 sectors at once, evading at 2 m/s", SCAN_360_FAST_AT_ONCE, "arducopter", 17, 208),
+            ("scan of 72 sectors all round", SCAN_360, "arducopter", 24, 201),
+            ("scan of 360 rays all round", RAYS_360, "arducopter", 8, 217),
+            ("lidar on the computer's own line", LIDAR, "arducopter", 12, 213),
+            ("72 sectors at once", SCAN_360_AT_ONCE, "arducopter", 23, 202),
+            ("360 rays at once", RAYS_360_AT_ONCE, "arducopter", 9, 216),
+            ("72 sectors at once, evading at 2 m/s", SCAN_360_FAST_AT_ONCE, "arducopter", 19, 206),
             ("360 rays at once, evading at 2 m/s", RAYS_360_FAST_AT_ONCE, "arducopter", 6, 219),
-            ("scan of 90 deg, 3 m", SCAN_90, "arducopter", 89, 136),
-            ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "arducopter", 16, 209),
-            ("scan of 360 rays all round, evading at 2 m/s", RAYS_360_FAST, "arducopter", 7, 218),
+            ("scan of 90 deg, 3 m", SCAN_90, "arducopter", 85, 140),
+            ("scan of 72 sectors all round, evading at 2 m/s", SCAN_360_FAST, "arducopter", 21, 204),
+            ("scan of 360 rays all round, evading at 2 m/s", RAYS_360_FAST, "arducopter", 10, 215),
         ],
     );
 }
@@ -187,7 +187,7 @@ fn drawn() -> Vec<Value> {
     seeds::test(40).map(world).collect()
 }
 
-/// 40 flights across the ways of ten people each: told where they walk a point mass hits nobody, ArduCopter two.
+/// 40 flights across the ways of ten people each: told where they walk nobody is hit.
 #[test]
 fn drawn_people_who_cross_the_way_are_evaded() {
     hold(
@@ -196,13 +196,13 @@ fn drawn_people_who_cross_the_way_are_evaded() {
             ("told all round, 1 m/s", TOLD_1, "point", 0, 40),
             ("scan of 72 sectors all round", SCAN_360, "point", 7, 33),
             ("told all round, 1 m/s", TOLD_1, "arducopter", 0, 40),
-            ("scan of 72 sectors all round", SCAN_360, "arducopter", 13, 27),
+            ("scan of 72 sectors all round", SCAN_360, "arducopter", 14, 26),
             ("scan of 360 rays all round", RAYS_360, "point", 4, 36),
-            ("scan of 360 rays all round", RAYS_360, "arducopter", 2, 38),
+            ("scan of 360 rays all round", RAYS_360, "arducopter", 8, 32),
             ("72 sectors at once", SCAN_360_AT_ONCE, "point", 5, 35),
-            ("72 sectors at once", SCAN_360_AT_ONCE, "arducopter", 12, 28),
+            ("72 sectors at once", SCAN_360_AT_ONCE, "arducopter", 8, 32),
             ("360 rays at once", RAYS_360_AT_ONCE, "point", 1, 39),
-            ("360 rays at once", RAYS_360_AT_ONCE, "arducopter", 3, 37),
+            ("360 rays at once", RAYS_360_AT_ONCE, "arducopter", 4, 36),
         ],
     );
 }
@@ -248,11 +248,11 @@ fn who_is_followed_is_followed_well_and_nobody_else_is() {
 const SCENE_HITS: [[usize; 6]; 8] = [
     [0, 0, 0, 0, 1, 0],   // crossing
     [2, 8, 8, 11, 5, 10], // swaying
-    [4, 8, 7, 11, 8, 9],  // stopping
-    [2, 5, 1, 7, 5, 4],   // turning
-    [0, 8, 1, 12, 9, 11], // in groups
-    [0, 1, 1, 3, 2, 1],   // overtaking
-    [0, 1, 4, 4, 2, 6],   // two streams in a corridor of 4 m
+    [4, 8, 8, 11, 8, 10], // stopping
+    [2, 5, 1, 6, 5, 8],   // turning
+    [0, 8, 1, 14, 9, 11], // in groups
+    [0, 1, 1, 3, 2, 2],   // overtaking
+    [0, 1, 3, 8, 2, 6],   // two streams in a corridor of 4 m
     [0, 0, 0, 0, 0, 0],   // stepping aside
 ];
 
@@ -285,14 +285,23 @@ fn people_who_do_more_than_walk_straight_on_are_evaded() {
     assert!(over.is_empty(), "{over:#?}");
 }
 
-/// A point mass that sees them by scans of 72 sectors all round hits none of the pillars of the trap `movers`; of five that swing to
-/// and fro across the way it hits some in at most 3 of 20 flights, 2 by sectors measured at once.
+/// By scans of 72 sectors all round a point mass and ArduCopter hit none of the pillars of the trap `movers`. Of five that swing to and fro
+/// across the way, and turn at once, a point mass hits some in at most 3 of 20 flights, 2 by sectors measured at once, none where it is told
+/// how they move; ArduCopter in 6, and 3 where it is told.
 #[test]
 fn pillars_that_move_are_not_hit_and_those_that_swing_seldom() {
     let trap = std::fs::read_to_string(root().join("tests/traps/movers.json")).unwrap();
     let trap: Value = serde_json::from_str(&trap).unwrap();
     let movers: Vec<Value> = (0..scenes::FLIGHTS).map(|_| trap.clone()).collect();
-    hold(&movers, &[("the trap's moving pillars, scan of 72 sectors all round", SCAN_360, "point", 0, 20)]);
-    hold(&scenes::swinging(), &[("pillars that swing, scan of 72 sectors all round", SCAN_360, "point", 3, 17)]);
-    hold(&scenes::swinging(), &[("pillars that swing, 72 sectors at once", SCAN_360_AT_ONCE, "point", 2, 18)]);
+    let [name, at_once, told] =
+        ["scan of 72 sectors all round", "72 sectors at once", "told all round"].map(|how| format!("pillars, {how}"));
+    hold(&movers, &[(&name, SCAN_360, "point", 0, 20), (&name, SCAN_360, "arducopter", 0, 20)]);
+    let swinging = [
+        (name.as_str(), SCAN_360, "point", 3, 17),
+        (&at_once, SCAN_360_AT_ONCE, "point", 2, 18),
+        (&told, TOLD_1, "point", 0, 20),
+        (&name, SCAN_360, "arducopter", 6, 14),
+        (&told, TOLD_1, "arducopter", 3, 17),
+    ];
+    hold(&scenes::swinging(), &swinging);
 }

@@ -4,17 +4,19 @@
 //! and 5 m/s, each with a stop after it, a turn by 90 degrees and a reversal at 2 m/s; 6 s each, the mean of three
 //! directions. ArduCopter 4.7.0-dev, SITL's quadrotor. PX4 main of April 2026, its own simulation (SIH), whose sensors'
 //! noise was switched off, since its estimate otherwise wanders by 0.3 m/s, and whose drag was set to 0.3 per second
-//! (`SIH_KDV`): its default of 1 per second is three times that of a real quadrotor.
+//! (`SIH_KDV`): its default of 1 per second is three times that of a real quadrotor. `*_yaw.csv` are of `--yaw-rates`, the
+//! mean of two repeats to either side: the same ArduCopter, and PX4 main of August 2026 as it comes.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use foxhound_sim::scenario::{self, Software, VehicleModel};
-use foxhound_sim::world::Pose;
 use foxhound_sim::world::vehicle::{Command, Vehicle};
+use foxhound_sim::world::{Pose, wrap_pi};
 
 const ROW_S: f64 = 0.1;
 const ROWS_OF_A_LEG: usize = 60;
 const STEP_S: f64 = 0.02;
+const YAW_ROW_S: f64 = 0.05;
 
 /// What was commanded and what happened, along and across.
 #[derive(Clone, Copy)]
@@ -93,4 +95,42 @@ fn arducopter_follows_setpoints_as_recorded() {
 #[test]
 fn px4_follows_setpoints_as_recorded() {
     compare(Software::Px4, include_str!("step_response/px4.csv"), 0.05);
+}
+
+/// Flies the recorded yaw rates: the rms of the rate, and the largest rate that is held.
+fn compare_yaw(software: Software, csv: &str, rms_radps: f64, held_radps: f64) {
+    let numbers = |line: &str| line.split(',').map(|number| number.parse().unwrap()).collect::<Vec<f64>>();
+    let rows: Vec<Vec<f64>> = csv.lines().skip(1).map(numbers).collect();
+    let model =
+        scenario::Vehicle { model: VehicleModel::Arducopter, autopilot: software, ..scenario::Vehicle::default() };
+    let mut vehicle = Vehicle::new(model, 2.0, Pose::default());
+    let mut turned = |row: &Vec<f64>| {
+        let before_rad = vehicle.motion.pose.yaw_rad;
+        for _ in 0..5 {
+            vehicle.step(Command { yaw_rate_radps: row[1], ..Command::default() }, YAW_ROW_S / 5.0);
+        }
+        wrap_pi(vehicle.motion.pose.yaw_rad - before_rad) / YAW_ROW_S
+    };
+    let flown: Vec<f64> = rows.iter().map(&mut turned).collect();
+    let recorded: Vec<f64> = rows.windows(2).map(|pair| (pair[1][2] - pair[0][2]) / YAW_ROW_S).collect();
+    // A second of the last step, which asks for more than ArduCopter gives.
+    let held = |rates_radps: &[f64]| rates_radps[235..255].iter().sum::<f64>() / 20.0;
+    let [real_radps, model_radps] = [held(&recorded), held(&flown)];
+    let squares: f64 = recorded.iter().zip(&flown).map(|(real, model)| (real - model) * (real - model)).sum();
+    let rms = (squares / recorded.len() as f64).sqrt();
+    println!("{software:?}: yaw rate held {real_radps:.3} rad/s, the model {model_radps:.3}; rms {rms:.4} rad/s");
+    assert!((real_radps / held_radps - 1.0).abs() < 0.02 && (model_radps / real_radps - 1.0).abs() < 0.07);
+    assert!(rms < rms_radps, "{software:?}: {rms} rad/s");
+}
+
+/// Yaw rates of 0.5, 1 and 2.5 rad/s, 3 s each and then 2 s of none: at most 1.05 rad/s are held, rates within 0.1 rad/s rms.
+#[test]
+fn arducopter_yaws_as_recorded() {
+    compare_yaw(Software::ArduCopter, include_str!("step_response/arducopter_yaw.csv"), 0.1, 1.05);
+}
+
+/// The same beside PX4, which gives 2.4 of 2.5 rad/s; the model gives all.
+#[test]
+fn px4_yaws_as_recorded() {
+    compare_yaw(Software::Px4, include_str!("step_response/px4_yaw.csv"), 0.1, 2.4);
 }

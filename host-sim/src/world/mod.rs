@@ -10,7 +10,7 @@
 //! | [`rays`] | radio paths among walls |
 //! | [`antennas`], [`iq`] | the samples of the four channels; those that a Bluetooth controller reports |
 //! | [`air`] | the wind |
-//! | [`vehicle`] | the motion that follows from commands: `shaping` and [`deviation`] are the autopilot's part of it |
+//! | [`vehicle`] | the motion that follows from commands: `shaping`, `yaw` and [`deviation`] are the autopilot's part of it |
 //! | [`sensor`] | the obstacle sensor |
 //! | [`camera`], [`camera_line`] | the camera that looks down, and its frames on a serial line |
 //! | [`random`] | seeded random numbers, one generator a purpose |
@@ -37,6 +37,7 @@ mod shaping;
 mod truth;
 pub mod vehicle;
 mod walk;
+mod yaw;
 
 pub use geometry::{Horizontal, Pose, from_core, horizontal, wrap_pi};
 pub use person::Person;

@@ -5,8 +5,8 @@
 //!   the plane the autopilot's own structure at its default gains (`shaping`, [`super::deviation`]), with two
 //!   numbers fitted to recordings of `examples/step_response.py`: the lag of the lean, and the drag of the air, in
 //!   proportion to the speed. `tests/flight/step_response.rs` flies the recordings again. Vertically a critically damped
-//!   second order after a dead time, `v'' = w^2 (v_cmd - v) - 2 w v'`, measured on ArduCopter. The yaw rate's lag of
-//!   0.15 s is an assumption. It tilts with its thrust.
+//!   second order after a dead time, `v'' = w^2 (v_cmd - v) - 2 w v'`, measured on ArduCopter. It yaws as recorded
+//!   ([`super::yaw`]), and tilts with its thrust.
 //!
 //! The wind moves the point mass away from its path as if that autopilot flew it.
 
@@ -16,6 +16,7 @@ use super::air::Push;
 use super::deviation::{Deviation, Wanted};
 use super::geometry::{Horizontal, Pose, wrap_pi};
 use super::shaping::Shaping;
+use super::yaw::Yaw;
 use crate::scenario;
 
 /// A command to the vehicle.
@@ -66,6 +67,7 @@ pub struct Vehicle {
     /// The deviation of the point mass by the push; the whole motion of the measured vehicle.
     deviation: Deviation,
     shaping: Shaping,
+    yaw: Yaw,
     time_s: f64,
     /// Setpoints that have not taken effect yet, with their times.
     underway: VecDeque<(f64, Command)>,
@@ -74,15 +76,14 @@ pub struct Vehicle {
     latest: Command,
 }
 
-/// Delay of setpoints of the vertical velocity and of the yaw rate, and of the autopilot's own brake.
+/// Delay of setpoints of the vertical velocity, and of the autopilot's own brake.
 const SETPOINT_DELAY_S: f64 = 0.22;
 const BRAKE_DELAY_S: f64 = 0.06;
 /// Deceleration by the air, per m/s.
 const DRAG_PER_S: f64 = 0.32;
 const VERTICAL_RATE_RADPS: f64 = 8.0;
-const YAW_LAG_S: f64 = 0.15;
 const POINT_YAW_LAG_S: f64 = 0.05;
-const YAW_RATE_MAX_RADPS: f64 = 3.5;
+const POINT_YAW_RATE_MAX_RADPS: f64 = 3.5;
 const SUBSTEP_S: f64 = 0.002;
 /// Commanded to climb faster than this, it leaves the ground.
 const RISING_MPS: f64 = 0.02;
@@ -99,6 +100,7 @@ impl Vehicle {
             push: Push::default(),
             deviation: Deviation::default(),
             shaping: Shaping::default(),
+            yaw: Yaw::default(),
             touched_m: None,
             time_s: 0.0,
             underway: VecDeque::new(),
@@ -157,6 +159,7 @@ impl Vehicle {
             (scenario::VehicleModel::Arducopter, false) => SETPOINT_DELAY_S,
             (scenario::VehicleModel::Arducopter, true) => BRAKE_DELAY_S,
         };
+        self.yaw.accept(self.config.autopilot, command.yaw_rate_radps, self.time_s);
         let latest = self.underway.back().map_or(self.command, |(_, latest)| *latest);
         if command != latest {
             self.underway.push_back((self.time_s + delay_s, command));
@@ -174,7 +177,11 @@ impl Vehicle {
         limit(&mut motion.acceleration_ned_mps2, self.a_max_mps2);
         let [north, east, down] = motion.acceleration_ned_mps2;
         let blown = self.deviation.step(self.config.autopilot, Wanted::default(), self.push.gust, dt);
-        self.advance([north + blown.north, east + blown.east, down], dt, POINT_YAW_LAG_S);
+        self.advance([north + blown.north, east + blown.east, down], dt);
+        let most_radps = POINT_YAW_RATE_MAX_RADPS;
+        let wanted_radps = self.command.yaw_rate_radps.clamp(-most_radps, most_radps);
+        let rate_radps = self.motion.yaw_rate_radps;
+        self.turn(rate_radps + dt / POINT_YAW_LAG_S * (wanted_radps - rate_radps), dt);
     }
 
     fn measured(&mut self, dt: f64) {
@@ -192,7 +199,9 @@ impl Vehicle {
         let down_mps2 = motion.acceleration_ned_mps2[2] + jerk * dt;
         let acceleration_ned_mps2 = [plane_mps2.north, plane_mps2.east, down_mps2];
         motion.acceleration_ned_mps2 = acceleration_ned_mps2;
-        self.advance(acceleration_ned_mps2, dt, YAW_LAG_S);
+        self.advance(acceleration_ned_mps2, dt);
+        let rate_radps = self.yaw.step(self.config.autopilot, self.motion.yaw_rate_radps, self.time_s, dt);
+        self.turn(rate_radps, dt);
         self.tilt();
     }
 
@@ -202,15 +211,18 @@ impl Vehicle {
         [north - blown.north, east - blown.east, down]
     }
 
-    fn advance(&mut self, acceleration_ned_mps2: [f64; 3], dt: f64, yaw_lag_s: f64) {
+    fn advance(&mut self, acceleration_ned_mps2: [f64; 3], dt: f64) {
         let motion = &mut self.motion;
         for (axis, acceleration_mps2) in acceleration_ned_mps2.into_iter().enumerate() {
             motion.pose.position_ned_m[axis] += dt * (motion.velocity_ned_mps[axis] + 0.5 * dt * acceleration_mps2);
             motion.velocity_ned_mps[axis] += dt * acceleration_mps2;
         }
-        let wanted_radps = self.command.yaw_rate_radps.clamp(-YAW_RATE_MAX_RADPS, YAW_RATE_MAX_RADPS);
-        motion.yaw_rate_radps += dt / yaw_lag_s * (wanted_radps - motion.yaw_rate_radps);
-        motion.pose.yaw_rad = wrap_pi(motion.pose.yaw_rad + dt * motion.yaw_rate_radps);
+    }
+
+    fn turn(&mut self, rate_radps: f64, dt: f64) {
+        let motion = &mut self.motion;
+        motion.yaw_rate_radps = rate_radps;
+        motion.pose.yaw_rad = wrap_pi(motion.pose.yaw_rad + dt * rate_radps);
     }
 
     /// Thrust leans into the acceleration, and against the air.
