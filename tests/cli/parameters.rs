@@ -68,7 +68,7 @@ fn bad_values_are_refused_by_the_names_of_parameters() {
         ("FH_TONE = 60000", &["FH_TONE = 60000 is outside", "(FH_SMP_RATE = 102400)"]),
         ("FH_BRG_SRC = 1\nFH_OBS_SRC = 1", &["FH_BRG_SRC = 1", "FH_OBS_SRC = 1"]),
         ("FH_BRG_SRC = 2\nFH_TURN = 2", &["FH_BRG_SRC", "FH_TURN = 2"]),
-        ("FH_TURN = 2\nFH_TURN_RATE = 3", &["FH_TURN_RATE = 3", "(FH_YAWR_MAX = 2.5)"]),
+        ("FH_TURN = 2\nFH_TURN_RATE = 3", &["FH_TURN_RATE = 3", "(FH_YAWR_MAX = 1.25)"]),
         ("FH_TURN = 2\nFH_TURN_RATE = 0.1", &["FH_TURN_RATE = 0.1 is outside"]),
         ("FH_FENCE_R = 0.5", &["FH_FENCE_R = 0.5 is outside 1..="]),
         ("FH_SRCH_TIME = 0.5", &["FH_SRCH_TIME = 0.5 is outside 1..=3600"]),

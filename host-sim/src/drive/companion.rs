@@ -75,9 +75,6 @@ const PAUSE_PERIOD_US: u64 = 200_000;
 const OBEYS_WITHIN_S: f32 = 0.5;
 /// Interval between the zero setpoints that the driver sends.
 const ZERO_PERIOD: Duration = Duration::from_millis(50);
-/// Largest yaw rate: `ArduCopter` in software-in-the-loop does not turn faster in GUIDED. With a higher demand the nose
-/// would not be where the guard expects it.
-const YAW_RATE_MAX_RADPS: f32 = 1.25;
 /// Largest distance of a pad from the beacon, north and east.
 const PAD_MAX_M: f64 = 10.0;
 /// Factor on the speed limit, to allow for rounding.
@@ -222,7 +219,6 @@ impl Config {
     pub fn guidance(&self) -> guidance::Config {
         let mut config = self.mission().guidance();
         config.guard.v_max_mps *= ROUNDING;
-        config.guard.yaw_rate_max_radps = config.guard.yaw_rate_max_radps.min(YAW_RATE_MAX_RADPS);
         config
     }
 

@@ -53,6 +53,8 @@ const STILL_TICKS: usize = 150;
 const CLOCK_JUMP_US: u64 = 1_000_000;
 /// Steps of the dead time and lag of the point mass: a setpoint waits for its 20 Hz slot, telemetry for the next step.
 const POINT_DEAD_TIME_S: f32 = 0.06;
+/// The point mass yaws as fast as it is asked to.
+const POINT_YAW_RATE_MAX_RADPS: f32 = 2.5;
 /// Sigma of a bearing that is known exactly, so that no weight is infinite.
 const SIGMA_FLOOR_RAD: f64 = 1e-3;
 
@@ -141,6 +143,7 @@ impl Mission {
         });
         config.vehicle_model = match scenario.vehicle.model {
             VehicleModel::Point => {
+                config.guard.yaw_rate_max_radps = POINT_YAW_RATE_MAX_RADPS;
                 vehicle_model::Config { dead_time_s: POINT_DEAD_TIME_S, lag_s: scenario.vehicle.lag_s as f32 }
             }
             VehicleModel::Arducopter => match scenario.vehicle.autopilot {

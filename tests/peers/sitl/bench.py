@@ -27,7 +27,7 @@ PAD_M = 0.25
 HEIGHT_M = 5.0
 HULL_M = 0.15
 SCAN_RANGE_M = 6.0
-# The companion's options, and what it limits the yaw rate to beside an autopilot.
+# The companion's options, and `FH_YAWR_MAX`.
 SPEED_MAX_MPS, CLIMB_MAX_MPS, TURN_MAX_RADPS = 2.0, 0.5, 1.25
 KEY = bytes.fromhex("00112233445566778899aabbccddeeff0123456789abcdeffedcba9876543210")
 EPOCH_S = 1420070400  # 2015-01-01, from which signatures count

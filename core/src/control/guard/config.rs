@@ -43,7 +43,7 @@ impl Default for Config {
             v_down_max_mps: 0.5,
             a_max_mps2: 2.0,
             jerk_max_mps3: 20.0,
-            yaw_rate_max_radps: 2.5,
+            yaw_rate_max_radps: 1.25,
             margin_m: 0.03,
             approach_rate_per_s: 2.0,
             out_of_view_share: 0.5,

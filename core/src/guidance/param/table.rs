@@ -38,7 +38,7 @@ pub const TABLE: &[Param] = &[
         "Largest change of the commanded velocity."),
     real("FH_JERK_MAX", "m/s/s/s", 20.0, [1.0, 1000.0], Value(|c| &mut c.guard.jerk_max_mps3),
         "Largest change of the acceleration while the speed grows."),
-    real("FH_YAWR_MAX", "rad/s", 2.5, [0.1, 6.3], Value(|c| &mut c.guard.yaw_rate_max_radps),
+    real("FH_YAWR_MAX", "rad/s", 1.25, [0.1, 6.3], Value(|c| &mut c.guard.yaw_rate_max_radps),
         "Largest yaw rate."),
     real("FH_DEAD_TIME", "s", 0.08, [0.0, 1.12], Value(|c| &mut c.vehicle_model.dead_time_s),
         "Time from a setpoint to the vehicle's first motion."),
