@@ -6,7 +6,7 @@
 //!   numbers fitted to recordings of `examples/step_response.py`: the lag of the lean, and the drag of the air, in
 //!   proportion to the speed. `tests/flight/step_response.rs` flies the recordings again. Vertically a critically damped
 //!   second order after a dead time, `v'' = w^2 (v_cmd - v) - 2 w v'`, measured on ArduCopter. It yaws as recorded
-//!   ([`super::yaw`]), and tilts with its thrust.
+//!   (`yaw`), and tilts with its thrust.
 //!
 //! The wind moves the point mass away from its path as if that autopilot flew it.
 
