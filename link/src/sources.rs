@@ -4,6 +4,8 @@ use foxhound_core::base::time::Instant;
 
 /// Sources that are distinguished; one more replaces the one that has been silent longest.
 const SOURCES: usize = 4;
+/// A source that has been silent for longer does not report any more.
+const SILENT_US: u64 = 1_000_000;
 
 /// Someone who reports obstacles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -45,6 +47,14 @@ impl Sources {
         self.heard.iter().flatten().map(move |(source, heard)| (*source, now.seconds_since(*heard)))
     }
 
+    /// Whether another component than this one reports.
+    pub(crate) fn has_other(&self, now: Instant, component_id: u8) -> bool {
+        let is_other = |(source, heard): &(Source, Instant)| {
+            source.component_id != component_id && now < heard.plus_micros(SILENT_US)
+        };
+        self.heard.iter().flatten().any(is_other)
+    }
+
     /// Handles a clock that ran backwards: nothing is younger than now.
     pub(crate) fn follow_clock(&mut self, now: Instant) {
         for (_, heard) in self.heard.iter_mut().flatten() {
@@ -72,6 +82,9 @@ mod tests {
         let ages: Vec<_> = sources.ages(Instant(6_000_000)).collect();
         assert_eq!(ages, [(source(1), 1.0), (source(2), 4.0), (source(3), 3.0), (source(4), 2.0)]);
         sources.hear(Instant(6_000_000), source(9));
+        // Of the others than 9, the last one to be heard was 1, at 5 s.
+        assert!(sources.has_other(Instant(6_500_000), 1));
+        assert!(!sources.has_other(Instant(6_500_000), 9));
         let there: Vec<u8> = sources.ages(Instant(6_000_000)).map(|(source, _)| source.component_id).collect();
         assert_eq!(there, [1, 9, 3, 4]);
         sources.follow_clock(Instant(2_500_000));

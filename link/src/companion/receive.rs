@@ -65,10 +65,11 @@ impl Companion {
                 return;
             }
         }
-        // Any component of our system may see obstacles. An autopilot to which we report obstacles may report them
-        // back to us, but not the distance to the ground.
+        // Any component of our system may see obstacles. An autopilot tells again what was reported to it, by us or by another
+        // component, and as free what was not reported; but not the distance to the ground.
         let is_aboard = header.system_id == us.0;
-        let sees_obstacles = is_aboard && !(is_autopilot && self.config.surroundings);
+        let is_told = || self.config.surroundings || self.sources.has_other(self.now, header.component_id);
+        let sees_obstacles = is_aboard && !(is_autopilot && is_told());
         match content.message_id() {
             d::HEARTBEAT_DATA::ID => self.on_heartbeat(header, content),
             d::SETUP_SIGNING_DATA::ID => self.on_key(content),

@@ -179,7 +179,9 @@ fn a_beam_of_another_component_does_not_make_a_missing_direction_of_ardupilot_cl
     assert!(bench.take_scan().unwrap().rays.iter().all(|ray| ray == Sector::Hit(3.0)));
     bench.companion.drop_obstacles();
     bench.say_as((1, 158), &wide(0, 0));
-    // The next turn begins.
+    // The other one falls silent, and the next turn begins.
+    bench.step(1_100_000);
+    bench.companion.drop_obstacles();
     for orientation in [0, 1, 2, 3, 4, 6, 7, 0] {
         bench.step(10_000);
         bench.say(&wide(orientation, 10 + orientation));
@@ -257,5 +259,34 @@ fn who_tells_the_autopilot_of_obstacles_does_not_hear_them_back() {
         bench.say(&attitude(1, 0.0));
         bench.say(&beam(25, 200));
         assert!(bench.companion.height_m(bench.now()).is_some());
+    }
+}
+
+#[test]
+fn what_the_autopilot_tells_again_of_another_components_sensor_is_not_heard() {
+    for autopilot in [ARDUPILOT, PX4] {
+        let mut bench = Bench::new(Config::default());
+        bench.heartbeat = Some(heartbeat(autopilot, 0, DISARMED));
+        bench.step(10_000);
+        // A ring of eight beams, each of which the autopilot repeats: to ArduPilot, what no beam has seen is free.
+        let told = |id: u8, orientation: u8| {
+            let MavMessage::DISTANCE_SENSOR(beam) = beam(orientation, 200) else { panic!() };
+            MavMessage::DISTANCE_SENSOR(DISTANCE_SENSOR_DATA { id, horizontal_fov: 0.0, ..beam })
+        };
+        for _ in 0..3 {
+            for orientation in 0..8 {
+                bench.say_as((1, 158), &told(0, orientation));
+                bench.say(&told(10 + orientation, orientation));
+            }
+            bench.step(100_000);
+        }
+        let scan = bench.take_scan().unwrap();
+        assert!(scan.rays.iter().all(|ray| matches!(ray, Sector::Hit(_))), "{scan:?}");
+        assert!(bench.companion.obstacle_sources(bench.now()).all(|(source, _)| source.component_id == 158));
+        // The sensor has failed. What the autopilot sees itself counts from now on.
+        bench.step(1_100_000);
+        while bench.take_points().is_some() {}
+        bench.say(&told(0, 0));
+        assert!(bench.take_points().is_some());
     }
 }
