@@ -48,28 +48,20 @@ impl Hole {
 /// `MPC_XY_VEL_MAX` bound the velocity that it follows, `WPNAV_ACCEL`, cm/s/s, how soon it stops; its stops were measured
 /// with the default of 250. Since ArduCopter 4.7 these are `WP_SPD` and `WP_ACC`, in metres.
 const ARDUPILOT: [Row; 6] = [
-    Row { name: "GUID_TIMEOUT", hole: Hole::Above(1.5), text: "Foxhound: GUID_TIMEOUT is long, set 1" },
-    Row { name: "FS_GCS_ENABLE", hole: Hole::Zero, text: "Foxhound: FS_GCS_ENABLE is off" },
-    Row {
-        name: "WPNAV_SPEED",
-        hole: Hole::Under(param::FH_SPD_MAX, 100.0),
-        text: "Foxhound: WPNAV_SPEED is below FH_SPD_MAX",
-    },
-    Row { name: "WPNAV_ACCEL", hole: Hole::Below(250.0), text: "Foxhound: stops late: WPNAV_ACCEL, set 250" },
-    Row { name: "WP_SPD", hole: Hole::Under(param::FH_SPD_MAX, 1.0), text: "Foxhound: WP_SPD is below FH_SPD_MAX" },
-    Row { name: "WP_ACC", hole: Hole::Below(2.5), text: "Foxhound: stops late: WP_ACC, set 2.5" },
+    Row { name: "GUID_TIMEOUT", hole: Hole::Above(1.5), text: "GUID_TIMEOUT is long, set 1" },
+    Row { name: "FS_GCS_ENABLE", hole: Hole::Zero, text: "FS_GCS_ENABLE is off" },
+    Row { name: "WPNAV_SPEED", hole: Hole::Under(param::FH_SPD_MAX, 100.0), text: "WPNAV_SPEED is below FH_SPD_MAX" },
+    Row { name: "WPNAV_ACCEL", hole: Hole::Below(250.0), text: "stops late: WPNAV_ACCEL, set 250" },
+    Row { name: "WP_SPD", hole: Hole::Under(param::FH_SPD_MAX, 1.0), text: "WP_SPD is below FH_SPD_MAX" },
+    Row { name: "WP_ACC", hole: Hole::Below(2.5), text: "stops late: WP_ACC, set 2.5" },
 ];
 const PX4: [Row; 3] = [
-    Row { name: "COM_OF_LOSS_T", hole: Hole::Above(1.5), text: "Foxhound: COM_OF_LOSS_T is long, set 1" },
-    Row {
-        name: "COM_RC_OVERRIDE",
-        hole: Hole::WithoutBit(2),
-        text: "Foxhound: COM_RC_OVERRIDE: no sticks in OFFBOARD",
-    },
+    Row { name: "COM_OF_LOSS_T", hole: Hole::Above(1.5), text: "COM_OF_LOSS_T is long, set 1" },
+    Row { name: "COM_RC_OVERRIDE", hole: Hole::WithoutBit(2), text: "COM_RC_OVERRIDE: no sticks in OFFBOARD" },
     Row {
         name: "MPC_XY_VEL_MAX",
         hole: Hole::Under(param::FH_SPD_MAX, 1.0),
-        text: "Foxhound: MPC_XY_VEL_MAX is below FH_SPD_MAX",
+        text: "MPC_XY_VEL_MAX is below FH_SPD_MAX",
     },
 ];
 
@@ -166,7 +158,7 @@ mod tests {
         assert_eq!(asked(&mut advice, at(1), Software::ArduPilot), None);
         assert_eq!(advice.hear(at(1), Software::ArduPilot, &answer("FENCE_ENABLE", 3.0, 9), &Values::DEFAULT), None);
         let told = advice.hear(at(1), Software::ArduPilot, &answer("GUID_TIMEOUT", 3.0, 9), &Values::DEFAULT);
-        assert_eq!(told, Some("Foxhound: GUID_TIMEOUT is long, set 1"));
+        assert_eq!(told, Some("GUID_TIMEOUT is long, set 1"));
         for s in [1, 3, 5] {
             assert_eq!(asked(&mut advice, at(s), Software::ArduPilot).as_deref(), Some("FS_GCS_ENABLE"));
         }
@@ -235,6 +227,7 @@ mod tests {
 
     #[test]
     fn texts_fit_a_message() {
-        assert!(ARDUPILOT.iter().chain(&PX4).all(|row| row.text.len() <= 50 && row.name.len() <= 16));
+        // Ten of the 50 bytes of a STATUSTEXT say whose it is.
+        assert!(ARDUPILOT.iter().chain(&PX4).all(|row| row.text.len() <= 40 && row.name.len() <= 16));
     }
 }

@@ -151,19 +151,19 @@ impl Cause {
     pub(crate) fn text(self) -> Option<&'static str> {
         match self {
             Self::None | Self::NoAutopilot => None,
-            Self::Unfit => Some("Foxhound: unfit, no setpoints"),
-            Self::LinkLost | Self::LinkQuiet => Some("Foxhound: autopilot is silent"),
-            Self::NotInMode => Some("Foxhound: waits for GUIDED or OFFBOARD, armed"),
-            Self::OnGround => Some("Foxhound: waits for take-off"),
-            Self::StoreDamaged => Some("Foxhound: stored record damaged, does not move"),
-            Self::EntryNeeded => Some("Foxhound: leave the mode and enter it again"),
-            Self::SwitchedOff => Some("Foxhound: switched off by RC"),
-            Self::Paused => Some("Foxhound: paused"),
-            Self::BatteryCritical => Some("Foxhound: battery critical, holds"),
-            Self::BatteryLow => Some("Foxhound: battery low, does not start"),
-            Self::FenceBreached => Some("Foxhound: fence breached, holds"),
-            Self::LinkNoisy => Some("Foxhound: link is noisy, holds"),
-            Self::OwnshipLost => Some("Foxhound: position lost, no setpoints"),
+            Self::Unfit => Some("unfit, no setpoints"),
+            Self::LinkLost | Self::LinkQuiet => Some("autopilot is silent"),
+            Self::NotInMode => Some("waits for GUIDED or OFFBOARD, armed"),
+            Self::OnGround => Some("waits for take-off"),
+            Self::StoreDamaged => Some("stored record damaged, does not move"),
+            Self::EntryNeeded => Some("leave the mode and enter it again"),
+            Self::SwitchedOff => Some("switched off by RC"),
+            Self::Paused => Some("paused"),
+            Self::BatteryCritical => Some("battery critical, holds"),
+            Self::BatteryLow => Some("battery low, does not start"),
+            Self::FenceBreached => Some("fence breached, holds"),
+            Self::LinkNoisy => Some("link is noisy, holds"),
+            Self::OwnshipLost => Some("position lost, no setpoints"),
         }
     }
 }

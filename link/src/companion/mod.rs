@@ -336,7 +336,7 @@ impl Companion {
                 let believed = is_open && policy.takes(message_id, self.signed_heard);
                 if !believed {
                     if self.counters.unsigned == 0 {
-                        self.telemetry.warn("Foxhound: ignores unsigned messages");
+                        self.telemetry.warn("ignores unsigned messages");
                     }
                     count(&mut self.counters.unsigned);
                 }
@@ -344,7 +344,7 @@ impl Companion {
             }
             Some(_) => {
                 if self.counters.forged == 0 {
-                    self.telemetry.warn("Foxhound: ignores wrong signatures");
+                    self.telemetry.warn("ignores wrong signatures");
                 }
                 count(&mut self.counters.forged);
                 false

@@ -106,16 +106,16 @@ impl Companion {
         let may = self.config.provisioning && self.autopilot.is_none_or(|autopilot| !autopilot.armed);
         match set_up(now, &setup, us, may, LINK_ID, self.signing.as_ref()) {
             Setup::NotOurs => {}
-            Setup::Refused => self.telemetry.warn("Foxhound: takes no key now"),
+            Setup::Refused => self.telemetry.warn("takes no key now"),
             Setup::Off => {
                 self.sign_with(None);
                 self.key_changed = true;
-                self.telemetry.warn("Foxhound: signing is off");
+                self.telemetry.warn("signing is off");
             }
             Setup::On(signing) => {
                 self.sign_with(Some(signing));
                 self.key_changed = true;
-                self.telemetry.warn("Foxhound: signing is on");
+                self.telemetry.warn("signing is on");
             }
         }
     }
@@ -151,14 +151,14 @@ impl Companion {
                 if (known.software == Software::Other && autopilot.software != Software::Other)
                     || (!known.armed && is_over(now, known.heard, self.config.silence_after_s)) =>
             {
-                self.telemetry.warn("Foxhound: follows another autopilot");
+                self.telemetry.warn("follows another autopilot");
                 self.forget_autopilot();
                 (self.boot_ms, self.health) = (None, Health::new());
                 true
             }
             Some(_) => {
                 if self.counters.foreign_heartbeats == 0 {
-                    self.telemetry.warn("Foxhound: ignores a second autopilot");
+                    self.telemetry.warn("ignores a second autopilot");
                 }
                 return count(&mut self.counters.foreign_heartbeats);
             }
@@ -369,7 +369,7 @@ impl Companion {
             count(&mut self.counters.jumps);
             // An estimate that settles before control is given, or on the ground, is nothing to warn of.
             if self.obeys() && !self.is_on_ground() {
-                self.telemetry.warn("Foxhound: position or heading jumped");
+                self.telemetry.warn("position or heading jumped");
             }
         }
         self.settled_at = now.plus_micros(UNSETTLED_US);
@@ -400,7 +400,7 @@ impl Companion {
                 return;
             }
             count(&mut self.counters.reboots);
-            self.telemetry.warn("Foxhound: autopilot has restarted");
+            self.telemetry.warn("autopilot has restarted");
             self.forget_autopilot();
             self.requests.restart(now);
         }

@@ -58,6 +58,8 @@ const LIDAR_VALUE: [u8; 10] = *b"FH_LDR\0\0\0\0";
 const RADIO_VALUE: [u8; 10] = *b"FH_RAD\0\0\0\0";
 /// Bytes of a `STATUSTEXT`.
 pub const NOTICE_BYTES: usize = 50;
+/// How the link's own texts begin.
+const OURS: &str = "Foxhound: ";
 /// A state that lasts for less is not reported.
 const SETTLED_S: f32 = 0.5;
 const TEXT_PERIOD_US: u64 = 1_000_000;
@@ -285,7 +287,7 @@ impl Companion {
             self.outbox.post_errand(&request);
         }
         if self.requests.is_ignored() && !self.telemetry.ignored_told {
-            self.telemetry.warn("Foxhound: autopilot does not answer; signing?");
+            self.telemetry.warn("autopilot does not answer; signing?");
         }
         self.telemetry.ignored_told = self.requests.is_ignored();
     }
@@ -439,19 +441,19 @@ impl Companion {
         }
         let is_low = cause == Cause::None && self.health.charge(self.config.battery_min_percent) == Charge::Low;
         if is_low && !self.telemetry.low_told {
-            self.telemetry.warn("Foxhound: battery low");
+            self.telemetry.warn("battery low");
         }
         self.telemetry.low_told = is_low;
         let is_noisy = self.noise.percent > NOISE_WARN_PERCENT;
         if is_noisy && !self.telemetry.noise_told {
-            self.telemetry.warn("Foxhound: frames arrive damaged");
+            self.telemetry.warn("frames arrive damaged");
         }
         self.telemetry.noise_told = is_noisy;
         if now < self.telemetry.text_due {
             return;
         }
         if let Some(notice) = self.autopilot.and_then(|_| self.telemetry.notice.take()) {
-            self.tell(MavSeverity::MAV_SEVERITY_WARNING, &notice);
+            self.tell(MavSeverity::MAV_SEVERITY_WARNING, [&notice, ""]);
             return;
         }
         let outcome = self.telemetry.outcome.map(|(outcome, _)| outcome);
@@ -475,15 +477,19 @@ impl Companion {
         } else {
             return;
         };
-        self.tell(severity, text);
+        self.tell(severity, [OURS, text]);
     }
 
     #[inline(never)]
-    fn tell(&mut self, severity: MavSeverity, text: &str) {
+    fn tell(&mut self, severity: MavSeverity, parts: [&str; 2]) {
         self.telemetry.text_due = self.now.plus_micros(TEXT_PERIOD_US);
+        let mut text = [0; NOTICE_BYTES];
+        for (place, letter) in text.iter_mut().zip(parts.into_iter().flat_map(str::bytes)) {
+            *place = letter;
+        }
         self.outbox.post_note(&STATUSTEXT_DATA {
             severity: severity as u8,
-            text: CharArray::from(text),
+            text: CharArray::new(text),
             ..STATUSTEXT_DATA::DEFAULT
         });
     }
@@ -516,14 +522,12 @@ impl Companion {
         let (outcome, since) =
             self.telemetry.outcome.filter(|_| cause == Cause::None && !self.telemetry.lasting_told)?;
         match outcome {
-            Outcome::NoSignal if is_over(now, since, NO_SIGNAL_LONG_S) => {
-                Some("Foxhound: no signal for 30 s, take over")
-            }
+            Outcome::NoSignal if is_over(now, since, NO_SIGNAL_LONG_S) => Some("no signal for 30 s, take over"),
             Outcome::StaleObstacles if is_over(now, since, STALE_OBSTACLES_LONG_S) => {
-                Some("Foxhound: no obstacle data for 15 s, take over")
+                Some("no obstacle data for 15 s, take over")
             }
             Outcome::HandedOver if self.telemetry.asks_to_land() && is_over(now, since, NOT_LANDED_S) => {
-                Some("Foxhound: autopilot does not land, take over")
+                Some("autopilot does not land, take over")
             }
             _ => None,
         }

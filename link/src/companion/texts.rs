@@ -28,41 +28,39 @@ pub(super) fn severity(cause: Cause, outcome: Option<Outcome>, ended: Option<(Re
 
 pub(super) fn text(outcome: Outcome, stale: Option<Stale>, ended: Option<(Reason, bool)>) -> &'static str {
     match outcome {
-        Outcome::StaleOwnship if stale == Some(Stale::VelocityContradicts) => {
-            "Foxhound: velocity contradicts position, holds"
-        }
-        Outcome::StaleOwnship if stale == Some(Stale::PositionFrozen) => "Foxhound: position stands still, holds",
-        Outcome::Nominal => "Foxhound: seeking",
-        Outcome::NoSignal => "Foxhound: no signal",
-        Outcome::Ambiguous => "Foxhound: bearing is ambiguous",
-        Outcome::Uncalibrated => "Foxhound: array is not calibrated",
-        Outcome::StaleOwnship => "Foxhound: position or attitude is stale",
-        Outcome::StaleObstacles => "Foxhound: obstacle data is stale",
-        Outcome::NoPath => "Foxhound: no safe path",
-        Outcome::GoalUnreachable => "Foxhound: goal cannot be reached",
-        Outcome::PlanLate => "Foxhound: plan is late",
-        Outcome::GuardBrake => "Foxhound: guard brakes",
-        Outcome::LinkLost => "Foxhound: autopilot is silent",
-        Outcome::NotInControl => "Foxhound: waits for GUIDED or OFFBOARD, armed",
-        Outcome::Fault => "Foxhound: internal fault",
+        Outcome::StaleOwnship if stale == Some(Stale::VelocityContradicts) => "velocity contradicts position, holds",
+        Outcome::StaleOwnship if stale == Some(Stale::PositionFrozen) => "position stands still, holds",
+        Outcome::Nominal => "seeking",
+        Outcome::NoSignal => "no signal",
+        Outcome::Ambiguous => "bearing is ambiguous",
+        Outcome::Uncalibrated => "array is not calibrated",
+        Outcome::StaleOwnship => "position or attitude is stale",
+        Outcome::StaleObstacles => "obstacle data is stale",
+        Outcome::NoPath => "no safe path",
+        Outcome::GoalUnreachable => "goal cannot be reached",
+        Outcome::PlanLate => "plan is late",
+        Outcome::GuardBrake => "guard brakes",
+        Outcome::LinkLost => "autopilot is silent",
+        Outcome::NotInControl => "waits for GUIDED or OFFBOARD, armed",
+        Outcome::Fault => "internal fault",
         Outcome::HandedOver => handed_over(ended),
-        Outcome::Landed => "Foxhound: landed",
+        Outcome::Landed => "landed",
     }
 }
 
-/// Why it hovers. At most [`super::NOTICE_BYTES`].
+/// Why it hovers. With what goes before it at most [`super::NOTICE_BYTES`].
 fn handed_over(ended: Option<(Reason, bool)>) -> &'static str {
     match ended {
-        Some((Reason::Arrived, true)) => "Foxhound: arrived, asks the autopilot to land",
-        Some((Reason::Arrived, false)) => "Foxhound: arrived, hovers, take over",
-        Some((Reason::NoPad, _)) => "Foxhound: no pad here, hovers, take over",
-        Some((Reason::PadLost, _)) => "Foxhound: pad lost, hovers, take over",
-        Some((Reason::NoCamera, _)) => "Foxhound: no picture, hovers, take over",
-        Some((Reason::NoHeight, _)) => "Foxhound: height unknown, hovers, take over",
-        Some((Reason::Ambiguous, _)) => "Foxhound: beacon not located, hovers, take over",
-        Some((Reason::SearchLimit, _)) => "Foxhound: beacon not found, hovers, take over",
-        Some((Reason::TimeLimit, _)) => "Foxhound: time limit, hovers, take over",
-        Some((Reason::Blocked, _)) => "Foxhound: path blocked, hovers, take over",
-        Some((Reason::Landed | Reason::NoOwnship, _)) | None => "Foxhound: hovers, take over",
+        Some((Reason::Arrived, true)) => "arrived, asks the autopilot to land",
+        Some((Reason::Arrived, false)) => "arrived, hovers, take over",
+        Some((Reason::NoPad, _)) => "no pad here, hovers, take over",
+        Some((Reason::PadLost, _)) => "pad lost, hovers, take over",
+        Some((Reason::NoCamera, _)) => "no picture, hovers, take over",
+        Some((Reason::NoHeight, _)) => "height unknown, hovers, take over",
+        Some((Reason::Ambiguous, _)) => "beacon not located, hovers, take over",
+        Some((Reason::SearchLimit, _)) => "beacon not found, hovers, take over",
+        Some((Reason::TimeLimit, _)) => "time limit, hovers, take over",
+        Some((Reason::Blocked, _)) => "path blocked, hovers, take over",
+        Some((Reason::Landed | Reason::NoOwnship, _)) | None => "hovers, take over",
     }
 }
