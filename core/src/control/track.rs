@@ -18,8 +18,11 @@ const KD: f32 = 0.1;
 const INTEGRAL_MAX_MPS: f32 = 0.2;
 /// How far ahead of the rest point the aim on the trajectory is.
 const LOOKAHEAD_M: f32 = 0.4;
-/// Yaw rate per radian between the nose and the direction of travel.
+/// Yaw rate per radian between where the nose comes to rest and the direction of travel.
 const YAW_GAIN_PER_S: f32 = 2.5;
+/// How long the nose turns on at its rate. Without it ArduCopter and PX4, which follow yaw rates after 0.3 to 0.4 s, swing past the
+/// direction and back (`tests/flight/step_response`).
+const YAW_REST_S: f32 = 0.2;
 /// Vertical velocity per metre of altitude error.
 const ALTITUDE_GAIN_PER_S: f32 = 0.8;
 
@@ -42,7 +45,7 @@ impl State {
     }
 
     /// One step along a trajectory.
-    pub fn step(&mut self, trajectory: &Trajectory, rest: Horizontal, yaw_rad: f32, dt_s: f32) -> Demand {
+    pub fn step(&mut self, trajectory: &Trajectory, rest: Horizontal, rest_yaw_rad: f32, dt_s: f32) -> Demand {
         self.passed = progress(self.passed, trajectory, rest);
         let ahead = libm::roundf(LOOKAHEAD_M / SPACING_M) as usize;
         let aim = trajectory[(self.passed + ahead).min(WAYPOINTS).saturating_sub(1)];
@@ -53,7 +56,8 @@ impl State {
         self.last_mps = velocity_ned_mps;
 
         // Too close to give a direction: keep the nose where it is.
-        let yaw_rate_radps = if error.norm() > 0.5 * SPACING_M { turn_to(error.bearing_rad(), yaw_rad) } else { 0.0 };
+        let yaw_rate_radps =
+            if error.norm() > 0.5 * SPACING_M { turn_to(error.bearing_rad(), rest_yaw_rad) } else { 0.0 };
         Demand { velocity_ned_mps, down_mps: 0.0, yaw_rate_radps }
     }
 }
@@ -69,10 +73,17 @@ pub struct Demand {
     pub yaw_rate_radps: f32,
 }
 
-/// The yaw rate that turns the nose to a bearing.
+/// Where the nose would come to rest if it were told to turn no further.
 #[must_use]
-pub fn turn_to(bearing_ned_rad: f32, yaw_rad: f32) -> f32 {
-    YAW_GAIN_PER_S * wrap_pi(bearing_ned_rad - yaw_rad)
+pub fn rest_yaw_rad(yaw_rad: f32, yaw_rate_radps: f32) -> f32 {
+    yaw_rad + YAW_REST_S * yaw_rate_radps
+}
+
+/// The yaw rate that turns the nose to a bearing, from where it would come to rest.
+#[must_use]
+#[inline(never)]
+pub fn turn_to(bearing_ned_rad: f32, rest_yaw_rad: f32) -> f32 {
+    YAW_GAIN_PER_S * wrap_pi(bearing_ned_rad - rest_yaw_rad)
 }
 
 /// The vertical velocity that holds an altitude.

@@ -20,15 +20,16 @@ impl<const N: usize> Guidance<N> {
     pub(super) fn demand(&self, state: &mut State<N>, situation: &GuardInput) -> Option<Demand> {
         let plan = state.plans.active.as_ref()?;
         let trajectory = &plan.waypoints_ned_m;
-        let mut demand = state.control.track.step(trajectory, situation.rest_ned_m, situation.yaw_rad, self.tick_s);
+        let mut demand =
+            state.control.track.step(trajectory, situation.rest_ned_m, situation.rest_yaw_rad, self.tick_s);
         if let Some(look_ned_rad) = state.control.look_ned_rad {
-            demand.yaw_rate_radps = track::turn_to(look_ned_rad, situation.yaw_rad);
+            demand.yaw_rate_radps = track::turn_to(look_ned_rad, situation.rest_yaw_rad);
         }
         if plan.verdict == Verdict::Brake {
             demand.velocity_ned_mps = Horizontal::default();
             // No safe path in sight: look towards the source.
             if let Some(bearing_rad) = state.belief.bearing_ned_rad() {
-                demand.yaw_rate_radps = track::turn_to(bearing_rad, situation.yaw_rad);
+                demand.yaw_rate_radps = track::turn_to(bearing_rad, situation.rest_yaw_rad);
             }
         }
         Some(demand)

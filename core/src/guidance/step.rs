@@ -183,7 +183,7 @@ impl<const N: usize> Guidance<N> {
             return Command { setpoint, guard, plan_requested: false };
         }
         if let Some(look_ned_rad) = state.control.look_ned_rad {
-            demand.yaw_rate_radps = track::turn_to(look_ned_rad, situation.yaw_rad);
+            demand.yaw_rate_radps = track::turn_to(look_ned_rad, situation.rest_yaw_rad);
         }
         // On the way down it does not give way.
         let stage = state.arrival.advice.map(|advice| advice.stage);
@@ -234,6 +234,7 @@ impl<const N: usize> Guidance<N> {
             position_ned_m,
             rest_ned_m,
             yaw_rad: ownship.yaw_rad,
+            rest_yaw_rad: track::rest_yaw_rad(ownship.yaw_rad, ownship.yaw_rate_radps),
             delay_s: self.vehicle_model.delay_s(),
             gust_margin_m: self.wind.margin_m(&state.vehicle.wind),
             has_gusts: self.wind.has_gusts(&state.vehicle.wind),

@@ -144,6 +144,7 @@ pub(super) fn situation(draw: &mut Draw<'_>) -> GuardInput {
         position_ned_m,
         rest_ned_m,
         yaw_rad: draw.any(-4.0, 4.0),
+        rest_yaw_rad: draw.any(-4.0, 4.0),
         delay_s: draw.field(0.3, 0.0, 1.0),
         down_m: draw.flag().then(|| draw.any(-20.0, 5.0)),
         held_down_m: draw.flag().then(|| draw.any(-20.0, 5.0)),

@@ -108,6 +108,8 @@ pub struct GuardInput {
     pub rest_ned_m: Horizontal,
     /// Yaw.
     pub yaw_rad: f32,
+    /// Yaw where the nose would come to rest ([`crate::control::track::rest_yaw_rad`]).
+    pub rest_yaw_rad: f32,
     /// Time that the vehicle takes to reach its rest point; moving obstacles have moved on by then.
     pub delay_s: f32,
     /// The gust margin: the additional distance from standing obstacles.
