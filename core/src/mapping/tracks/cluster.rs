@@ -36,6 +36,8 @@ pub(super) struct Cluster {
     pub(super) ago_s: f32,
     /// An earlier scan saw through where it is now.
     pub(super) was_free: bool,
+    /// Both of its ends are seen: nothing nearer hides one, and the view does not end there.
+    pub(super) is_whole: bool,
     /// The track that it belongs to.
     pub(super) track: Option<u8>,
 }
@@ -86,11 +88,11 @@ impl View<'_> {
             [] => Default::default(),
         };
         let center_ned_m = center.plus(pose.position_ned_m);
-        let sigma_m = sigma_m(scan, &ends, range_m, 0.02 * self.noise);
+        let (sigma_m, is_whole) = sigma_m(scan, &ends, range_m, 0.02 * self.noise);
         // A hit of the first or the last ray may lie outside of the view from where the vehicle was in the middle of the turn.
         let middle = hits.get(hits.len() / 2).map_or(0, |hit| ray_at(scan, pose, *hit)).max(0) as usize;
         let after_s = scan.after_s(middle.min(scan.rays.len().saturating_sub(1)) as f32);
-        Cluster { center_ned_m, sigma_m, ago_s: late_s - after_s, was_free: self.was_free(hits), track: None }
+        Cluster { center_ned_m, sigma_m, ago_s: late_s - after_s, was_free: self.was_free(hits), is_whole, track: None }
     }
 }
 
@@ -270,9 +272,11 @@ fn ray_at(scan: &Scan, pose: &Pose, point: Horizontal) -> i32 {
     if index < -unseen / 2 { index + whole } else { index }
 }
 
-/// How well the centre is known: less well if something nearer hides a side of it, or if the view ends there.
-fn sigma_m(scan: &Scan, ends: &[(Horizontal, i32); 2], range_m: f32, noise_m: f32) -> f32 {
+/// How well the centre is known: less well if something nearer hides a side of it, or if the view ends there; and whether neither
+/// is so.
+fn sigma_m(scan: &Scan, ends: &[(Horizontal, i32); 2], range_m: f32, noise_m: f32) -> (f32, bool) {
     let by_width_m = 0.3 * libm::fabsf(scan.step_rad) * range_m;
+    let mut is_whole = true;
     let mut sigma_m = if by_width_m > noise_m { by_width_m } else { noise_m };
     for ((point, ray), side) in ends.iter().zip([-1, 1]) {
         let least_m = match scan.sector(ray + side) {
@@ -280,9 +284,10 @@ fn sigma_m(scan: &Scan, ends: &[(Horizontal, i32); 2], range_m: f32, noise_m: f3
             Sector::Hit(hit_m) if hit_m < point.norm() - 0.1 => 0.06,
             _ => 0.0,
         };
+        is_whole &= least_m == 0.0;
         if least_m > sigma_m {
             sigma_m = least_m;
         }
     }
-    sigma_m
+    (sigma_m, is_whole)
 }

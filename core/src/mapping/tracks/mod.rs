@@ -6,7 +6,9 @@
 //!
 //! A track moves when its speed is above what its filter doubts, and when hits of it lay where a scan of
 //! some tenths of a second ago had seen through: along a wall the view slides, and its pieces seem to, but nothing of
-//! it comes to lie where nothing was.
+//! it comes to lie where nothing was. What is too slow for that moves once it has gone some way from where it was first
+//! seen, and the sensor sees through there; of such it must be seen that nothing nearer hides an end, as of a piece of a wall. What comes
+//! slowly straight towards the sensor hides where it was, and is not known to move.
 //!
 //! The hits of moving objects go into the map as all others do: a pillar that is mistaken for a person is still avoided.
 //! What a moving object leaves behind is taken out of the map ([`Tracks::left_by`]).
@@ -32,7 +34,7 @@ use cluster::Cluster;
 use noise::Noise;
 
 /// Most objects that are followed.
-pub const TRACKS_MAX: usize = 32;
+pub const TRACKS_MAX: usize = 27;
 const _: () = assert!(TRACKS_MAX <= 32, "a bit of a u32 for each");
 /// Most clusters of one scan.
 const CLUSTERS_MAX: usize = 32;
@@ -51,8 +53,11 @@ const BEFORE_WIDE_S: f32 = 0.28;
 const THROUGH_M: f32 = 0.12;
 /// Share of a cluster's hits that must lie where it was free.
 const THROUGH_SHARE: f32 = 0.3;
-/// For how long that counts.
-const THROUGH_S: f32 = 1.5;
+/// What is so far from where it was first seen has moved, unless its centre has jumped: slow things take so many scans to get there.
+const LEFT_BEHIND_M: f32 = 0.6;
+const LEAVING_SCANS_MIN: u8 = 10;
+/// For how long either counts.
+const MOVED_S: f32 = 1.5;
 /// A track that was seen through for this long is forgotten.
 const CLEAR_S: f32 = 0.25;
 /// A track with fewer scans does not count as moving.
@@ -71,7 +76,9 @@ const SIGMA_MPS2: f32 = 0.5;
 const SIGMA_MPS: f32 = 1.5;
 /// Below this speed a track counts as standing.
 const MOVING_MIN_MPS: f32 = 0.25;
-/// A track's speed must exceed its sigma by this factor to count as moving.
+/// And what has left where it was first seen below this one.
+const LEAVING_MIN_MPS: f32 = 0.15;
+/// A track's speed must exceed its sigma by this factor to count as moving, unless it has left where it was first seen.
 const MOVING_SIGMAS: f32 = 2.5;
 /// A position that has wandered looks like a speed of everything, built up in this time.
 const WANDERS_S: f32 = 0.3;
@@ -93,8 +100,9 @@ pub struct Track {
     pub unseen_s: f32,
     /// Time for which the sensor has seen through it.
     clear_s: f32,
-    /// Time since its hits last lay where it had been free.
-    through_s: f32,
+    /// Time since it was last seen to have moved.
+    moved_s: f32,
+    first_ned_m: Horizontal,
     scans: u8,
     moves: bool,
 }
@@ -117,7 +125,7 @@ impl Track {
             vv + dt2 * q,
         ];
         self.unseen_s += dt_s;
-        self.through_s += dt_s;
+        self.moved_s += dt_s;
     }
 
     /// Centre some time ago.
@@ -142,15 +150,24 @@ impl Track {
     }
 
     /// Updates it by a scan of its object. Whatever stands may seem to move at `wanders_mps`.
-    fn follow(&mut self, seen: &Cluster, wanders_mps: f32) {
+    fn follow(&mut self, seen: &Cluster, wanders_mps: f32, now: &Kept, noise: f32) {
         self.update(seen);
-        if seen.was_free {
-            self.through_s = 0.0;
+        let has_left = seen.is_whole
+            && self.scans >= LEAVING_SCANS_MIN
+            && self.center_ned_m.minus(self.first_ned_m).norm() > LEFT_BEHIND_M * noise
+            && now.saw_through(self.first_ned_m, noise);
+        if seen.was_free || has_left {
+            self.moved_s = 0.0;
         }
         let doubt_mps = MOVING_SIGMAS * sqrt(self.covariance[2]);
-        let least_mps = wanders_mps + if doubt_mps > MOVING_MIN_MPS { doubt_mps } else { MOVING_MIN_MPS };
+        let least_mps = wanders_mps
+            + match has_left {
+                true => LEAVING_MIN_MPS,
+                false if doubt_mps > MOVING_MIN_MPS => doubt_mps,
+                false => MOVING_MIN_MPS,
+            };
         self.moves = self.scans >= SCANS_MIN
-            && self.through_s < THROUGH_S
+            && self.moved_s < MOVED_S
             && self.velocity_ned_mps.norm_squared() > least_mps * least_mps;
     }
 }
@@ -189,24 +206,23 @@ impl Kept {
     }
 
     /// Whether it sees farther by more than that in the direction of a place; not where that is not known.
+    #[inline(never)]
     fn sees_beyond(&self, place: Horizontal, by_m: f32) -> bool {
         let away = place.minus(self.pose.position_ned_m);
         let azimuth_rad = wrap_pi(away.bearing_rad() - self.pose.yaw_rad - self.first_azimuth_rad);
         let index = nearest(azimuth_rad / self.step_rad);
-        let index = if self.turn > 0 {
-            index.wrapping_rem_euclid(i32::from(self.turn))
-        } else {
-            let whole = nearest(core::f32::consts::TAU / libm::fabsf(self.step_rad));
-            if index < 0 { index + whole } else { index }
-        };
+        let whole = nearest(core::f32::consts::TAU / libm::fabsf(self.step_rad));
+        let index = if index < 0 { index + whole } else { index };
         let far_m = away.minus(self.way_m.times(index as f32 - self.middle)).norm();
         // What lies near the edge of a sector may have been seen in the next one.
-        [0, -1, 1].into_iter().all(|beside| {
-            let index =
-                if self.turn > 0 { (index + beside).wrapping_rem_euclid(i32::from(self.turn)) } else { index + beside };
-            let sees_m = usize::try_from(index).map_or(-1.0, |index| self.ranges.sees_m(index, self.range_max_m));
-            sees_m - far_m > by_m
-        })
+        [index, index - 1, index + 1].into_iter().all(|index| self.sees_m(index) - far_m > by_m)
+    }
+
+    /// The range in a sector, counted on over the ends of a whole turn; -1 where that is not known.
+    #[inline(never)]
+    fn sees_m(&self, index: i32) -> f32 {
+        let index = if self.turn > 0 { index.wrapping_rem_euclid(i32::from(self.turn)) } else { index };
+        usize::try_from(index).map_or(-1.0, |index| self.ranges.sees_m(index, self.range_max_m))
     }
 }
 
@@ -382,7 +398,7 @@ impl Tracks {
         self.scanned = Some(scan.time);
         for seen in &clusters {
             if let Some(track) = seen.track.and_then(|track| self.tracks.get_mut(usize::from(track))) {
-                track.follow(seen, wanders_mps);
+                track.follow(seen, wanders_mps, &now, noise);
             }
         }
         for seen in clusters.iter().filter(|seen| seen.track.is_none()) {
@@ -401,7 +417,8 @@ impl Tracks {
             covariance: [seen.sigma_m * seen.sigma_m + seen.ago_s * seen.ago_s * vv, seen.ago_s * vv, vv],
             unseen_s: 0.0,
             clear_s: 0.0,
-            through_s: if seen.was_free { 0.0 } else { THROUGH_S },
+            moved_s: if seen.was_free { 0.0 } else { MOVED_S },
+            first_ned_m: seen.center_ned_m,
             scans: 1,
             moves: false,
         };
