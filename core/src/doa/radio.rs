@@ -9,8 +9,8 @@ use crate::doa::bearing::{Bearing, Flags, Quality};
 
 /// The part of an address by which a transmitter is known: what a 32-bit float holds exactly.
 const ADDRESS_END: u64 = 0xFF_FFFF;
-/// A tenth of a degree.
-const SIGMA_MIN_RAD: f32 = 0.1 / 180.0 * PI;
+/// Least sigma of its bearings: a tenth of a degree.
+pub const SIGMA_MIN_RAD: f32 = 0.1 / 180.0 * PI;
 
 /// What it sends.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -138,7 +138,7 @@ impl Mission {
         config.radio = sends.map(|sends| radio::Mount {
             sends,
             yaw_rad: scenario.bearing.mount_deg.to_radians() as f32,
-            sigma_rad: (scenario.bearing.sigma_deg.to_radians() as f32).max(SIGMA_FLOOR_RAD as f32),
+            sigma_rad: (scenario.bearing.sigma_deg.to_radians() as f32).max(radio::SIGMA_MIN_RAD),
             tag: scenario.bearing.tag,
         });
         config.vehicle_model = match scenario.vehicle.model {

@@ -20,8 +20,7 @@ use crate::world::sensor::View;
 use crate::world::vehicle::{Motion, Vehicle};
 use crate::world::{Horizontal, Hull, Pose, World, horizontal};
 
-/// Length of one step.
-pub const TICK_S: f64 = 0.02;
+pub use crate::scenario::TICK_S;
 /// Steps from one scan of the obstacle sensor to the next: 10 Hz.
 const SENSOR_TICKS: u64 = 5;
 

@@ -12,6 +12,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::TICK_S;
 use super::disturbed::{OtherBeacon, Position, Wind};
 use super::input::{InputError, check};
 use super::landing::Landing;
@@ -234,6 +235,11 @@ impl Scenario {
             (needs_ranges.iter().find(|(_, error)| *error != 0.0), self.sensor.model)
         {
             return Err(InputError::new(format!("{field}: only where sensor.model is `scan` or `lidar`")));
+        }
+        let lag_s = self.sensor.lag_s;
+        if (lag_s - (lag_s / TICK_S).round() * TICK_S).abs() > 1e-6 {
+            // It would fly with another lag than the flight computer is told of.
+            return Err(InputError::new(format!("sensor.lag_s = {lag_s} is not a number of steps of {TICK_S} s")));
         }
         if self.antenna.is_some() {
             self.needs_waveforms("antenna")?;

@@ -20,6 +20,9 @@ mod random;
 mod schema;
 mod tracks;
 
+/// Length of one step of a flight.
+pub const TICK_S: f64 = 0.02;
+
 pub use disturbed::{OtherBeacon, Position, Pulses, Wind};
 pub use file::{
     Antenna, Bearing, BearingModel, FLIGHT_DOWN_M, Faults, Limits, Obstacle, Outlier, Scenario, Sensor, SensorModel,

@@ -40,7 +40,7 @@ const WALLS: Rows =
 const GAPS: Rows = Rows { half_m: [5.0, 5.0], aside_m: 2.0, gap_m: [1.5, 2.5], ..WALLS };
 
 /// The scenes.
-pub const SCENES: [Scene; 8] = [
+pub const SCENES: [Scene; 9] = [
     // The pillars of `scenarios/gusts_strong.json`.
     scene("pillars, scan", include_str!("../../../scenarios/gusts_strong.json")),
     scene(
@@ -71,6 +71,13 @@ pub const SCENES: [Scene; 8] = [
             "bearing":{"snr_db":20},"vehicle":{"model":"arducopter"},"max_time_s":120}"#,
     ),
     scene("corridor", include_str!("../../../tests/scenarios/corridor.json")),
+    // Straight and 1 m wide, along the wind, for a hull of 0.15 m.
+    scene(
+        "narrow corridor, PX4",
+        r#"{"start":[0,0],"goal":[13,0],"drone_radius":0.15,"walls":[{"x0":-1,"y0":0.55,"x1":14,"y1":0.55,"r":0.05},
+            {"x0":-1,"y0":-0.55,"x1":14,"y1":-0.55,"r":0.05}],"sensor":{"model":"scan"},"bearing":{"snr_db":20},
+            "vehicle":{"model":"arducopter","autopilot":"px4"},"max_time_s":120}"#,
+    ),
 ];
 
 /// Those with space for the margin: walls, gaps and random pillars, by scan.

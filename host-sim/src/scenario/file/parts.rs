@@ -101,7 +101,8 @@ pub struct Sensor {
     /// Duration of a scan, during which the vehicle moves.
     #[schemars(range(min = 0.0, max = 0.1))]
     pub turn_s: f64,
-    /// How long a message of a scan takes from its last ray to the flight computer; only of the model `scan`.
+    /// How long a message of a scan takes from its last ray to the flight computer, in steps of 0.02 s; only of
+    /// the model `scan`.
     #[schemars(range(min = 0.0, max = 0.15))]
     pub lag_s: f64,
     /// Standard deviation of each range of a scan or a lidar.
@@ -240,7 +241,7 @@ pub struct Vehicle {
     /// Name of the model.
     pub model: VehicleModel,
     /// Velocity lag of the point mass, s.
-    #[schemars(range(min = 0.0, max = 5.0))]
+    #[schemars(range(min = 0.0, max = 2.0))]
     pub lag_s: f64,
     /// Autopilot of the vehicle.
     pub autopilot: Software,

@@ -136,6 +136,8 @@ fn values_out_of_range_are_named_with_value_and_range() {
         (r#"{"bearing":{"outlier":{"rate":2}}}"#, "bearing.outlier.rate"),
         (r#"{"bearing":{"dropout":[5,4]}}"#, "bearing.dropout[1]"),
         (r#"{"vehicle":{"lag_s":-0.1}}"#, "vehicle.lag_s"),
+        (r#"{"vehicle":{"lag_s":2.1}}"#, "vehicle.lag_s"),
+        (r#"{"sensor":{"lag_s":0.05}}"#, "sensor.lag_s"),
         (r#"{"random":{"count":2000}}"#, "random.count"),
         (r#"{"random":{"radius":[0.4,0.3]}}"#, "random.radius[1]"),
         (r#"{"obstacles":[{"x":1,"y":1,"r":1,"turns_s":-1}]}"#, "obstacles[0].turns_s"),
