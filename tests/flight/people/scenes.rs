@@ -133,3 +133,20 @@ pub(super) fn swinging() -> Vec<Value> {
     };
     seeds::test(FLIGHTS).map(world).collect()
 }
+
+/// Six pillars that cross the way slowly, from either side.
+pub(super) fn slow() -> Vec<Value> {
+    let world = |seed: u64| {
+        let mut random = Random::new(seed, PURPOSE);
+        let pillar = |k: u32| {
+            let side = if k.is_multiple_of(2) { 1.0 } else { -1.0 };
+            let (x, y) = (between(&mut random, 2.0, 11.0), side * between(&mut random, 1.0, 4.0));
+            let (along, across) = (between(&mut random, -1.5, 1.5), between(&mut random, -1.0, 1.0) - y);
+            let by = between(&mut random, 0.2, 0.6) / along.hypot(across);
+            json!({"x": x, "y": y, "r": 0.3, "vx": by * along, "vy": by * across})
+        };
+        let pillars: Vec<Value> = (0..6).map(pillar).collect();
+        json!({"start": [0, 0], "goal": [13, 0], "bounds": [-5, -8, 18, 8], "obstacles": pillars, "max_time_s": 90})
+    };
+    seeds::test(FLIGHTS).map(world).collect()
+}
