@@ -104,7 +104,8 @@ fn a_flight_goes_by_the_parameters_that_it_is_given_and_by_its_scenario_else() {
     assert_eq!(as_it_is, run_json(&["fly", "--json", "--scenario", &scenario]).1);
     assert_eq!(slow["result"], "reached");
     let (fast_s, slow_s) = (as_it_is["time_s"].as_f64().unwrap(), slow["time_s"].as_f64().unwrap());
-    assert!(slow_s > 1.7 * fast_s, "{fast_s} s, then {slow_s} s");
+    // Not twice: the nose turns as fast.
+    assert!(slow_s > 1.6 * fast_s, "{fast_s} s, then {slow_s} s");
     // Those of the link are used too: the simulated pilot has the switch on, and no battery is full.
     assert_eq!(fly("FH_RC_CH = 7")["result"], "reached");
     let careful = run(&["fly", "--json", "--scenario", &scenario, "--params", &text(&file)]).status.code();
