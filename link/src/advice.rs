@@ -139,6 +139,7 @@ fn rows(software: Software) -> &'static [Row] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::companion::{NOTICE_BYTES, OURS};
 
     fn answer(name: &str, param_value: f32, param_type: u8) -> PARAM_VALUE_DATA {
         PARAM_VALUE_DATA { param_id: CharArray::from(name), param_value, param_type, ..PARAM_VALUE_DATA::DEFAULT }
@@ -227,7 +228,7 @@ mod tests {
 
     #[test]
     fn texts_fit_a_message() {
-        // Ten of the 50 bytes of a STATUSTEXT say whose it is.
-        assert!(ARDUPILOT.iter().chain(&PX4).all(|row| row.text.len() <= 40 && row.name.len() <= 16));
+        let most = NOTICE_BYTES - OURS.len();
+        assert!(ARDUPILOT.iter().chain(&PX4).all(|row| row.text.len() <= most && row.name.len() <= 16));
     }
 }

@@ -294,7 +294,7 @@ fn people_who_do_more_than_walk_straight_on_are_evaded() {
 /// how they move; ArduCopter in 14, and 3 where it is told. Of six that cross slowly, a point mass hits none, ArduCopter some in 7 and PX4 in
 /// 4 of 20 flights, none where they are told.
 #[test]
-fn pillars_that_move_are_not_hit_and_those_that_swing_seldom() {
+fn pillars_that_move_are_hit_in_no_more_flights_than_on_record() {
     let trap = std::fs::read_to_string(root().join("tests/traps/movers.json")).unwrap();
     let trap: Value = serde_json::from_str(&trap).unwrap();
     let movers: Vec<Value> = (0..scenes::FLIGHTS).map(|_| trap.clone()).collect();

@@ -9,6 +9,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
+use foxhound_core::control::track;
 use foxhound_sim::scenario::{self, Software, VehicleModel};
 use foxhound_sim::world::vehicle::{Command, Vehicle};
 use foxhound_sim::world::{Pose, wrap_pi};
@@ -17,6 +18,8 @@ const ROW_S: f64 = 0.1;
 const ROWS_OF_A_LEG: usize = 60;
 const STEP_S: f64 = 0.02;
 const YAW_ROW_S: f64 = 0.05;
+/// `FH_YAWR_MAX` as it is by default.
+const YAW_RATE_MAX_RADPS: f32 = 1.25;
 
 /// What was commanded and what happened, along and across.
 #[derive(Clone, Copy)]
@@ -32,11 +35,16 @@ fn recorded(csv: &str) -> Vec<Row> {
     csv.lines().skip(1).map(numbers).map(row).collect()
 }
 
-/// The same commands, flown by the model.
-fn flown(software: Software, recorded: &[Row]) -> Vec<Row> {
+/// The measured vehicle at rest.
+fn vehicle(software: Software) -> Vehicle {
     let model =
         scenario::Vehicle { model: VehicleModel::Arducopter, autopilot: software, ..scenario::Vehicle::default() };
-    let mut vehicle = Vehicle::new(model, 2.0, Pose::default());
+    Vehicle::new(model, 2.0, Pose::default())
+}
+
+/// The same commands, flown by the model.
+fn flown(software: Software, recorded: &[Row]) -> Vec<Row> {
+    let mut vehicle = vehicle(software);
     let fly = |row: &Row| {
         let ([along_m, across_m, _], [along_mps, across_mps, _]) =
             (vehicle.motion.pose.position_ned_m, vehicle.motion.velocity_ned_mps);
@@ -101,9 +109,7 @@ fn px4_follows_setpoints_as_recorded() {
 fn compare_yaw(software: Software, csv: &str, rms_radps: f64, held_radps: f64) {
     let numbers = |line: &str| line.split(',').map(|number| number.parse().unwrap()).collect::<Vec<f64>>();
     let rows: Vec<Vec<f64>> = csv.lines().skip(1).map(numbers).collect();
-    let model =
-        scenario::Vehicle { model: VehicleModel::Arducopter, autopilot: software, ..scenario::Vehicle::default() };
-    let mut vehicle = Vehicle::new(model, 2.0, Pose::default());
+    let mut vehicle = vehicle(software);
     let mut turned = |row: &Vec<f64>| {
         let before_rad = vehicle.motion.pose.yaw_rad;
         for _ in 0..5 {
@@ -133,4 +139,27 @@ fn arducopter_yaws_as_recorded() {
 #[test]
 fn px4_yaws_as_recorded() {
     compare_yaw(Software::Px4, include_str!("step_response/px4_yaw.csv"), 0.1, 2.4);
+}
+
+/// The nose is turned by 17, 57 and 143 degrees, beside either: it passes the bearing by less than 2 % of the way. Turned from where it is,
+/// and not from where it comes to rest, it passes 17 degrees by more than a fifth.
+#[test]
+fn the_nose_comes_to_rest_where_it_is_turned_to() {
+    for software in [Software::ArduCopter, Software::Px4] {
+        let past = |bearing_rad: f32, rests: bool| {
+            let mut vehicle = vehicle(software);
+            let mut most_rad = 0.0_f64;
+            for _ in 0..400 {
+                let (yaw_rad, rate_radps) = (vehicle.motion.pose.yaw_rad as f32, vehicle.motion.yaw_rate_radps as f32);
+                let from_rad = if rests { track::rest_yaw_rad(yaw_rad, rate_radps) } else { yaw_rad };
+                let rate_radps = track::turn_to(bearing_rad, from_rad).clamp(-YAW_RATE_MAX_RADPS, YAW_RATE_MAX_RADPS);
+                vehicle.step(Command { yaw_rate_radps: rate_radps.into(), ..Command::default() }, STEP_S);
+                most_rad = most_rad.max(vehicle.motion.pose.yaw_rad - f64::from(bearing_rad));
+            }
+            assert!((vehicle.motion.pose.yaw_rad - f64::from(bearing_rad)).abs() < 0.02, "{software:?}");
+            most_rad / f64::from(bearing_rad)
+        };
+        assert!([0.3, 1.0, 2.5].into_iter().all(|bearing_rad| past(bearing_rad, true) < 0.02), "{software:?}");
+        assert!(past(0.3, false) > 0.2, "{software:?}");
+    }
 }

@@ -20,8 +20,8 @@ const INTEGRAL_MAX_MPS: f32 = 0.2;
 const LOOKAHEAD_M: f32 = 0.4;
 /// Yaw rate per radian between where the nose comes to rest and the direction of travel.
 const YAW_GAIN_PER_S: f32 = 2.5;
-/// How long the nose turns on at its rate. Without it ArduCopter and PX4, which follow yaw rates after 0.3 to 0.4 s, swing past the
-/// direction and back (`tests/flight/step_response`).
+/// For how long the nose turns on at its rate: less than the 0.3 to 0.4 s after which ArduCopter and PX4 follow a yaw rate, enough
+/// that neither swings past the direction (`tests/flight/step_response.rs`).
 const YAW_REST_S: f32 = 0.2;
 /// Vertical velocity per metre of altitude error.
 const ALTITUDE_GAIN_PER_S: f32 = 0.8;

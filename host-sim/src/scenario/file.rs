@@ -237,9 +237,11 @@ impl Scenario {
             return Err(InputError::new(format!("{field}: only where sensor.model is `scan` or `lidar`")));
         }
         let lag_s = self.sensor.lag_s;
-        if (lag_s - (lag_s / TICK_S).round() * TICK_S).abs() > 1e-6 {
+        let is_whole = (lag_s - (lag_s / TICK_S).round() * TICK_S).abs() < 1e-6;
+        if self.sensor.model == SensorModel::Scan && !is_whole {
             // It would fly with another lag than the flight computer is told of.
-            return Err(InputError::new(format!("sensor.lag_s = {lag_s} is not a number of steps of {TICK_S} s")));
+            let error = format!("sensor.lag_s, FH_OBS_LAG = {lag_s} is not a number of steps of {TICK_S} s");
+            return Err(InputError::new(error));
         }
         if self.antenna.is_some() {
             self.needs_waveforms("antenna")?;

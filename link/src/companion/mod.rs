@@ -54,6 +54,8 @@ use crate::turns::Turns;
 pub use self::config::{Config, ObstacleFrame, Yaw};
 pub use self::exam::{Exam, Examined, Tone};
 pub use self::send::NOTICE_BYTES;
+#[cfg(test)]
+pub(crate) use self::send::OURS;
 pub use crate::autopilot::{Autopilot, Software};
 pub use crate::params::Storage;
 pub use crate::sources::Source;

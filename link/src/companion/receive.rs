@@ -65,11 +65,11 @@ impl Companion {
                 return;
             }
         }
-        // Any component of our system may see obstacles. An autopilot tells again what was reported to it, by us or by another
-        // component, and as free what was not reported; but not the distance to the ground.
+        // Any component of our system may see obstacles. An autopilot to which we or another component report them reports them again,
+        // and calls free what was not reported: it is not heard on obstacles then, only on the distance to the ground.
         let is_aboard = header.system_id == us.0;
-        let is_told = || self.config.surroundings || self.sources.has_other(self.now, header.component_id);
-        let sees_obstacles = is_aboard && !(is_autopilot && is_told());
+        let repeats_others = || self.config.surroundings || self.sources.has_other(self.now, header.component_id);
+        let sees_obstacles = is_aboard && !(is_autopilot && repeats_others());
         match content.message_id() {
             d::HEARTBEAT_DATA::ID => self.on_heartbeat(header, content),
             d::SETUP_SIGNING_DATA::ID => self.on_key(content),

@@ -58,8 +58,8 @@ const LIDAR_VALUE: [u8; 10] = *b"FH_LDR\0\0\0\0";
 const RADIO_VALUE: [u8; 10] = *b"FH_RAD\0\0\0\0";
 /// Bytes of a `STATUSTEXT`.
 pub const NOTICE_BYTES: usize = 50;
-/// How the link's own texts begin.
-const OURS: &str = "Foxhound: ";
+/// How the link's own texts begin; a notice brings its own beginning.
+pub(crate) const OURS: &str = "Foxhound: ";
 /// A state that lasts for less is not reported.
 const SETTLED_S: f32 = 0.5;
 const TEXT_PERIOD_US: u64 = 1_000_000;
@@ -140,7 +140,7 @@ impl Telemetry {
         }
     }
 
-    /// Something happened that is to be reported once. It is dropped if the queue is full of others.
+    /// Something happened that is to be reported once, by a text without [`OURS`]. It is dropped if the queue is full of others.
     #[inline(never)]
     pub(super) fn warn(&mut self, text: &'static str) {
         if self.warnings.iter().all(|waiting| *waiting != text) {

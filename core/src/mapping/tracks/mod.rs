@@ -33,7 +33,7 @@ mod noise;
 use cluster::Cluster;
 use noise::Noise;
 
-/// Most objects that are followed.
+/// Most objects that are followed: what the variables of the board have space for.
 pub const TRACKS_MAX: usize = 27;
 const _: () = assert!(TRACKS_MAX <= 32, "a bit of a u32 for each");
 /// Most clusters of one scan.
@@ -102,7 +102,9 @@ pub struct Track {
     clear_s: f32,
     /// Time since it was last seen to have moved.
     moved_s: f32,
+    /// Where it was first seen, or some 25 s ago.
     first_ned_m: Horizontal,
+    /// Scans of it since then.
     scans: u8,
     moves: bool,
 }
@@ -152,6 +154,10 @@ impl Track {
     /// Updates it by a scan of its object. Whatever stands may seem to move at `wanders_mps`.
     fn follow(&mut self, seen: &Cluster, wanders_mps: f32, now: &Kept, noise: f32) {
         self.update(seen);
+        if self.scans == u8::MAX {
+            // Positions drift, and everything seems to leave where it was first seen.
+            (self.first_ned_m, self.scans) = (self.center_ned_m, SCANS_MIN);
+        }
         let has_left = seen.is_whole
             && self.scans >= LEAVING_SCANS_MIN
             && self.center_ned_m.minus(self.first_ned_m).norm() > LEFT_BEHIND_M * noise

@@ -231,7 +231,7 @@ fn nothing_of_a_wall_moves_however_it_is_flown_along() {
     }
 }
 
-/// So slow that no scan of the last half second saw through where he is: he moves once he has gone some way.
+/// However slow, he moves at the latest when he has gone a little more than `LEFT_BEHIND_M`.
 #[test]
 fn who_is_slow_moves_when_he_has_left_where_he_was() {
     for rays in [72, 360] {
@@ -250,12 +250,12 @@ fn who_is_slow_moves_when_he_has_left_where_he_was() {
     }
 }
 
-/// A wall behind two posts: the piece between them slides as the vehicle passes.
+/// A wall behind a row of posts: the pieces between them slide as the vehicle passes.
 #[test]
 fn what_is_seen_of_a_wall_through_a_gap_does_not_move() {
     let wall = (0..80).map(|k| (horizontal(0.1 * k as f32 - 2.0, 3.0), 0.1));
-    let gates = (0..6).map(|k| (horizontal(0.9 * k as f32, 1.2), 0.35));
-    let world: StdVec<_> = wall.chain(gates).collect();
+    let posts = (0..6).map(|k| (horizontal(0.9 * k as f32, 1.2), 0.35));
+    let world: StdVec<_> = wall.chain(posts).collect();
     for (fov_deg, rays) in [(90.0, 72), (360.0, 72), (360.0, 360)] {
         for speed_mps in [0.2, 0.4, 1.0] {
             let mut watch = Watch::with_rays(fov_deg, rays);
@@ -418,7 +418,7 @@ fn who_is_near_is_followed_however_much_stands_around_and_in_whichever_direction
 #[test]
 fn each_of_a_thicket_belongs_to_its_own_track() {
     let (mut tracks, mut clusters) = (Vec::<Track, TRACKS_MAX>::new(), Vec::<Cluster, CLUSTERS_MAX>::new());
-    for post in 0..27_u8 {
+    for post in 0..TRACKS_MAX as u8 {
         let center_ned_m = horizontal(3.0 + 0.35 * f32::from(post / 6), 0.35 * f32::from(post % 6));
         let mut track = Track {
             center_ned_m,

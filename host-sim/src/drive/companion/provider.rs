@@ -1,8 +1,8 @@
 //! Who provides the obstacles of a flight beside an autopilot.
 //!
-//! The beacon is always simulated; obstacles need not be. What the autopilot tells is heard in every case, by the flying computer
-//! itself, and nothing here takes any of it away. Only with a file, or where nobody has said anything and the autopilot tells
-//! nothing, does the driver deliver looks of a simulated sensor.
+//! The beacon is always simulated; obstacles need not be. Whom the flying computer hears it decides itself, and nothing here takes any
+//! of it away. Only with a file, or where nobody has said anything and nobody tells of obstacles, does the driver deliver looks of a
+//! simulated sensor.
 
 use foxhound_core::base::time::Instant;
 

@@ -137,7 +137,6 @@ fn values_out_of_range_are_named_with_value_and_range() {
         (r#"{"bearing":{"dropout":[5,4]}}"#, "bearing.dropout[1]"),
         (r#"{"vehicle":{"lag_s":-0.1}}"#, "vehicle.lag_s"),
         (r#"{"vehicle":{"lag_s":2.1}}"#, "vehicle.lag_s"),
-        (r#"{"sensor":{"lag_s":0.05}}"#, "sensor.lag_s"),
         (r#"{"random":{"count":2000}}"#, "random.count"),
         (r#"{"random":{"radius":[0.4,0.3]}}"#, "random.radius[1]"),
         (r#"{"obstacles":[{"x":1,"y":1,"r":1,"turns_s":-1}]}"#, "obstacles[0].turns_s"),
@@ -159,6 +158,15 @@ fn values_out_of_range_are_named_with_value_and_range() {
     ] {
         let message = refused(text);
         assert!(message.starts_with(field) && message.contains("is outside"), "{text}: {message}");
+    }
+}
+
+#[test]
+fn a_lag_of_scans_is_a_number_of_steps() {
+    let why = "sensor.lag_s, FH_OBS_LAG = 0.05 is not a number of steps of 0.02 s";
+    assert_eq!(refused(r#"{"sensor":{"model":"scan","lag_s":0.05}}"#), why);
+    for taken in [r#"{"sensor":{"model":"scan","lag_s":0.14}}"#, r#"{"sensor":{"lag_s":0.05}}"#] {
+        assert!(Scenario::parse(taken).is_ok(), "{taken}");
     }
 }
 
