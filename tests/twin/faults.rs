@@ -56,7 +56,7 @@ struct Seeker {
 impl Seeker {
     fn under_way() -> Self {
         let mut seeker = Self::start();
-        let last = seeker.fly(5.0);
+        let last = seeker.fly(6.0);
         assert!(last.speed_mps() > 0.5, "{last:?}");
         seeker
     }
