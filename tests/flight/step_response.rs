@@ -9,7 +9,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
-use foxhound_core::control::track;
+use foxhound_core::control::{guard, track};
 use foxhound_sim::scenario::{self, Software, VehicleModel};
 use foxhound_sim::world::vehicle::{Command, Vehicle};
 use foxhound_sim::world::{Pose, wrap_pi};
@@ -18,8 +18,6 @@ const ROW_S: f64 = 0.1;
 const ROWS_OF_A_LEG: usize = 60;
 const STEP_S: f64 = 0.02;
 const YAW_ROW_S: f64 = 0.05;
-/// `FH_YAWR_MAX` as it is by default.
-const YAW_RATE_MAX_RADPS: f32 = 1.25;
 
 /// What was commanded and what happened, along and across.
 #[derive(Clone, Copy)]
@@ -145,6 +143,7 @@ fn px4_yaws_as_recorded() {
 /// and not from where it comes to rest, it passes 17 degrees by more than a fifth.
 #[test]
 fn the_nose_comes_to_rest_where_it_is_turned_to() {
+    let most_radps = guard::Config::default().yaw_rate_max_radps;
     for software in [Software::ArduCopter, Software::Px4] {
         let past = |bearing_rad: f32, rests: bool| {
             let mut vehicle = vehicle(software);
@@ -152,7 +151,7 @@ fn the_nose_comes_to_rest_where_it_is_turned_to() {
             for _ in 0..400 {
                 let (yaw_rad, rate_radps) = (vehicle.motion.pose.yaw_rad as f32, vehicle.motion.yaw_rate_radps as f32);
                 let from_rad = if rests { track::rest_yaw_rad(yaw_rad, rate_radps) } else { yaw_rad };
-                let rate_radps = track::turn_to(bearing_rad, from_rad).clamp(-YAW_RATE_MAX_RADPS, YAW_RATE_MAX_RADPS);
+                let rate_radps = track::turn_to(bearing_rad, from_rad).clamp(-most_radps, most_radps);
                 vehicle.step(Command { yaw_rate_radps: rate_radps.into(), ..Command::default() }, STEP_S);
                 most_rad = most_rad.max(vehicle.motion.pose.yaw_rad - f64::from(bearing_rad));
             }
