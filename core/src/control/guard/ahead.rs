@@ -91,12 +91,12 @@ impl Guard {
         })
     }
 
-    /// Whether a command leads to a place inside the fence, or at least not farther out.
+    /// Whether a command leads to a place inside the fence's margin, or at least not farther out.
     pub(super) fn stays_inside(&self, velocity: Horizontal, input: &GuardInput) -> bool {
         let (ahead, _) = self.ahead(velocity, input.rest_ned_m);
         let depth_m = |place| self.config.fence.inside(place).map_or(f32::INFINITY, |(_, depth_m)| depth_m);
         let then_m = depth_m(ahead);
-        then_m >= 0.0 || then_m >= depth_m(input.rest_ned_m) - 1e-4
+        then_m >= self.config.fence.margin_m || then_m >= depth_m(input.rest_ned_m) - 1e-4
     }
 
     /// Which part of the path, of the places where an obstacle would touch the hull, has been seen.

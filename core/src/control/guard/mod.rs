@@ -46,7 +46,7 @@ use ahead::PathCover;
 pub use bounds::CLOSE_MAX;
 use bounds::Near;
 pub use config::Config;
-use half_space::{HalfSpaces, evened_out, nearest_allowed};
+use half_space::{HalfSpace, HalfSpaces, evened_out, nearest_allowed};
 
 /// The fast loop uses this many of the nearest obstacles; the planner gets all.
 pub const OBSTACLES_MAX: usize = 64;
@@ -333,7 +333,7 @@ impl Guard {
         let has_sensor = state.coverage.has_scanned() && !input.may_be_unseen;
         let mut unseen = None;
         for (trial, share) in [1.0, 0.5, 0.25].into_iter().enumerate() {
-            let tried = self.approach(state, safe.times(share), is_urgent, dt_s);
+            let tried = self.approach(state, safe.times(share), &half_spaces, is_urgent, dt_s);
             let is_clear = self.is_clear(tried, input, near) && self.stays_inside(tried, input);
             if !is_clear {
                 continue;
@@ -367,7 +367,8 @@ impl Guard {
         if is_threatened || input.gust_margin_m > 0.0 {
             let still = Horizontal::default();
             let retreat = nearest_allowed(still, &half_spaces).or_else(|| evened_out(still, &mut half_spaces));
-            let tried = self.approach(state, retreat.unwrap_or_default().clamped(v_max_mps), is_urgent, dt_s);
+            let retreat = retreat.unwrap_or_default().clamped(v_max_mps);
+            let tried = self.approach(state, retreat, &half_spaces, is_urgent, dt_s);
             let covered = if has_sensor && !is_threatened && !input.has_gusts {
                 self.path_coverage(&state.coverage, tried, input, near)
             } else {
@@ -383,8 +384,16 @@ impl Guard {
         unseen.map(|bearing_rad| (brake, Action::Looking, Some(bearing_rad)))
     }
 
-    /// The next command, from the last towards `to`, inside the limits of acceleration and jerk.
-    fn approach(&self, state: &State, to: Horizontal, is_urgent: bool, dt_s: f32) -> Horizontal {
+    /// The next command, from the last towards `to`, inside the limits of acceleration and jerk. Where these do not suffice, the change
+    /// that the half-spaces need comes first, and what is left goes towards `to`.
+    fn approach(
+        &self,
+        state: &State,
+        to: Horizontal,
+        half_spaces: &[HalfSpace],
+        is_urgent: bool,
+        dt_s: f32,
+    ) -> Horizontal {
         let c = &self.config;
         let (from, a_max) = (state.command_ned_mps, c.a_max_mps2 * dt_s);
         let change = to.minus(from);
@@ -395,7 +404,11 @@ impl Guard {
             let by_jerk = built_up + c.jerk_max_mps3 * dt_s * dt_s;
             if by_jerk < a_max { by_jerk } else { a_max }
         };
-        from.plus(change.clamped(most))
+        // Nothing, if the last command still is allowed; then so is the way to another that is.
+        let kept = nearest_allowed(from, half_spaces).unwrap_or(from);
+        let needed = kept.minus(from);
+        let left = most - needed.norm();
+        if left > 0.0 { kept.plus(to.minus(kept).clamped(left)) } else { from.plus(needed.clamped(a_max)) }
     }
 
     /// Share of the speed that is allowed in a direction that the sensor does not cover at the moment.
