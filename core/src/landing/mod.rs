@@ -73,7 +73,8 @@ pub mod search;
 mod stages;
 
 use centring::{
-    ACCEL_MAX_MPS2, CLIMB_MPS, COMMIT_MPS, DESCENT_MAX_MPS, DOWN_ACCEL_MAX_MPS2, LOST_S, SPEED_MAX_MPS, Taken,
+    ACCEL_MAX_MPS2, CLIMB_MPS, COMMIT_MAX_M, COMMIT_MPS, DESCENT_MAX_MPS, DOWN_ACCEL_MAX_MPS2, LOST_S, SPEED_MAX_MPS,
+    Taken,
 };
 use observation::{PadObservation, Seen};
 
@@ -141,7 +142,9 @@ impl Config {
     /// The field that is out of range.
     pub fn build(&self) -> Result<Lander, ConfigError> {
         check("landing.focal_widths", self.focal_widths, 0.2, 5.0)?;
-        check("landing.pad_radius_m", self.pad_radius_m, 0.02, 5.0)?;
+        // No larger than what is seen until this low.
+        let most_m = COMMIT_MAX_M * stages::SHORT_SIDE_HALF * stages::FILLED / self.focal_widths;
+        check("landing.pad_radius_m", self.pad_radius_m, 0.02, most_m)?;
         check("landing.retries_max", f32::from(self.retries_max), 0.0, 20.0)?;
         check("landing.approach_s", self.approach_s, 1.0, 600.0)?;
         check("landing.attempt_s", self.attempt_s, 1.0, 600.0)?;

@@ -2,8 +2,8 @@
 
 use super::arrival::Verdict;
 use super::centring::{
-    CLIMB_M, CLIMB_MPS, CLIMB_S, COMMIT_M, COMMIT_MPS, COMMIT_S, DESCENT_MIN_MPS, FRESH_S, LOST_S, SPEED_MAX_MPS,
-    speed_mps,
+    CLIMB_M, CLIMB_MPS, CLIMB_S, COMMIT_M, COMMIT_MAX_M, COMMIT_MPS, COMMIT_S, DESCENT_MIN_MPS, FRESH_S, LOST_S,
+    SPEED_MAX_MPS, speed_mps,
 };
 use super::search::{self, End, Search};
 use super::{Here, Input, Lander, Reason, Stage, State, Wish};
@@ -49,8 +49,10 @@ const DROP_S: f32 = 0.8;
 const DROP_BAND_M: f32 = 0.04;
 /// How much above the height of the commit it waits.
 const WAIT_ABOVE_M: f32 = 0.1;
+/// A pad is seen until it is this many times as wide as the picture's shorter side.
+pub(super) const FILLED: f32 = 1.5;
 /// Half the picture's shorter side, in widths; up to this height the pad is kept in it.
-const SHORT_SIDE_HALF: f32 = 0.375;
+pub(super) const SHORT_SIDE_HALF: f32 = 0.375;
 const IN_SIGHT_MAX_M: f32 = 2.0;
 /// Rate at which a height is corrected.
 const HEIGHT_RATE_PER_S: f32 = 2.0;
@@ -257,6 +259,13 @@ impl Lander {
         Wish { velocity_ned_mps, down_mps: 0.0 }
     }
 
+    /// Below this height it descends without seeing the pad: a large one, or one before a narrow camera, fills the picture early.
+    fn commit_m(&self) -> f32 {
+        let c = &self.config;
+        let filled_m = c.pad_radius_m * c.focal_widths / (SHORT_SIDE_HALF * FILLED);
+        between(filled_m, COMMIT_M, COMMIT_MAX_M)
+    }
+
     fn center(&self, state: &mut State, input: &Input<'_>, here: &Here) -> Wish {
         let (c, now) = (&self.config.centring, here.now);
         state.has_found = true;
@@ -287,10 +296,11 @@ impl Lander {
         }
         let is_slow = here.velocity_ned_mps.norm_squared() < c.commit_speed_mps * c.commit_speed_mps;
         let is_inside = error_m < c.commit_gate_m && pad.minus(here.after(AHEAD_S)).norm() < c.commit_gate_m;
-        if height_m < COMMIT_M + WAIT_ABOVE_M && is_inside && is_slow && is_fresh {
+        let commit_m = self.commit_m();
+        if height_m < commit_m + WAIT_ABOVE_M && is_inside && is_slow && is_fresh {
             state.enter(Stage::Committed, None, now);
         }
-        let wait_m = COMMIT_M + 0.5 * WAIT_ABOVE_M;
+        let wait_m = commit_m + 0.5 * WAIT_ABOVE_M;
         // If pushed away it climbs, so that the pad stays in the picture.
         let half_tangent = SHORT_SIDE_HALF / self.config.focal_widths;
         let in_sight_m = between((error_m - 0.5 * self.config.pad_radius_m) / half_tangent, 0.0, IN_SIGHT_MAX_M);
