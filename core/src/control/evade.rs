@@ -52,6 +52,11 @@ const HORIZON_S: f32 = 4.0;
 const MARGIN_M: f32 = 0.05;
 /// By so much more for each second ahead.
 const MARGIN_RATE_MPS: f32 = 0.03;
+/// What is slower than this can turn round within less time than the vehicle: so much more is kept from it where it stands, less the
+/// faster it is, and so much more for each second ahead.
+const TURNS_MPS: f32 = 1.0;
+const TURNS_M: f32 = 0.4;
+const TURNS_RATE_MPS: f32 = 0.2;
 /// Clearance below which a velocity costs something.
 const COMFORT_M: f32 = 0.3;
 /// Cost of a hit.
@@ -174,12 +179,14 @@ impl Evader {
             if reach_s > self.horizon_s {
                 continue;
             }
-            let wanted_m =
-                other.reach_m + MARGIN_M + EARLY_S * other.velocity_ned_mps.norm() + MARGIN_RATE_MPS * dead_s;
+            let speed_mps = other.velocity_ned_mps.norm();
+            let turns = between(1.0 - speed_mps / TURNS_MPS, 0.0, 1.0);
+            let rate_mps = MARGIN_RATE_MPS + TURNS_RATE_MPS * turns;
+            let wanted_m = other.reach_m + MARGIN_M + TURNS_M * turns + EARLY_S * speed_mps + rate_mps * dead_s;
             // One that is too near already must not come nearer.
             let keep_m = if wanted_m < away_m - 0.01 { wanted_m } else { away_m - 0.01 };
             let velocity_mps = other.velocity_ned_mps;
-            let one = Other { at_m, velocity_mps, reach_m: other.reach_m, keep_m, rate_mps: MARGIN_RATE_MPS, away_m };
+            let one = Other { at_m, velocity_mps, reach_m: other.reach_m, keep_m, rate_mps, away_m };
             keep_nearest(&mut moving, one);
         }
         if moving.is_empty() {

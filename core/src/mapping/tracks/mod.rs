@@ -71,7 +71,9 @@ const GATE_SIGMAS: f32 = 2.5;
 /// Radius that an object is assumed to have.
 pub(crate) const RADIUS_M: f32 = 0.3;
 /// Acceleration of an object, standard deviation.
-const SIGMA_MPS2: f32 = 0.5;
+const SIGMA_MPS2: f32 = 0.8;
+/// What moved and is slow counts as moving for so many scans: it may be turning round.
+const SLOW_SCANS: u8 = 10;
 /// Speed that a new track may have, standard deviation.
 const SIGMA_MPS: f32 = 1.5;
 /// Below this speed a track counts as standing.
@@ -106,6 +108,8 @@ pub struct Track {
     first_ned_m: Horizontal,
     /// Scans of it since then.
     scans: u8,
+    /// Scans of it since it was last fast enough.
+    slow_scans: u8,
     moves: bool,
 }
 
@@ -172,9 +176,11 @@ impl Track {
                 false if doubt_mps > MOVING_MIN_MPS => doubt_mps,
                 false => MOVING_MIN_MPS,
             };
-        self.moves = self.scans >= SCANS_MIN
+        let is_fast = self.scans >= SCANS_MIN
             && self.moved_s < MOVED_S
             && self.velocity_ned_mps.norm_squared() > least_mps * least_mps;
+        self.slow_scans = if is_fast { 0 } else { self.slow_scans.saturating_add(1) };
+        self.moves = self.slow_scans < SLOW_SCANS;
     }
 }
 
@@ -426,6 +432,7 @@ impl Tracks {
             moved_s: if seen.was_free { 0.0 } else { MOVED_S },
             first_ned_m: seen.center_ned_m,
             scans: 1,
+            slow_scans: SLOW_SCANS,
             moves: false,
         };
         let Err(born) = self.tracks.push(born) else { return };
