@@ -16,7 +16,7 @@ use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::mapping::walls::{self, WALLS_MAX, Wall};
 use foxhound_core::planning::explore::{self, Explored};
 use foxhound_papers::filters::cartesian;
-use foxhound_papers::filters::reflected::{Known, literal, of_slope_intercept, slope_intercept, unknown};
+use foxhound_papers::filters::reflected::{Known, literal, of_slope_intercept, slope_intercept};
 
 use super::{Draw, Noise, Reached};
 
@@ -210,27 +210,16 @@ fn alone(draw: &mut Draw<'_>) -> Reached {
     reached
 }
 
-/// Sightings off lines that are known, or not quite.
+/// Sightings off lines that are known, and off one that is not.
 fn behind_walls(draw: &mut Draw<'_>) -> Reached {
     let mut reached = Reached::default();
-    let unknown_config = unknown::Config {
-        outlier_rate: draw.field(0.01, 0.0, 0.9),
-        odometry_m2_per_s: draw.field(1e-5, 0.0, 10.0),
-        angle_rad2_per_s: draw.field(1e-8, 0.0, 1.0),
-        offset_m2_per_s: draw.field(1e-6, 0.0, 10.0),
-        ..unknown::Config::DEFAULT
-    };
     let literal_config = literal::Config {
         walk_m2_per_s: draw.field(1e-5, 0.0, 10.0),
         slope_per_s: draw.field(1e-7, 0.0, 10.0),
         intercept_m2_per_s: draw.field(1e-5, 0.0, 10.0),
         ..literal::Config::DEFAULT
     };
-    let (Ok(filter), Ok(guessed), Ok(printed)) =
-        (polar_config(draw).build(), unknown_config.build(), literal_config.build())
-    else {
-        return reached;
-    };
+    let (Ok(filter), Ok(printed)) = (polar_config(draw).build(), literal_config.build()) else { return reached };
     reached.configured = true;
     let mut stream = Stream::new(draw);
     let wall = line(draw);
@@ -251,16 +240,6 @@ fn behind_walls(draw: &mut Draw<'_>) -> Reached {
     let mut literals = [literal::State::default(); 2];
     let _ = printed.begin_known(&mut literals[0], &guess);
     let _ = printed.begin_unknown(&mut literals[1], &guess);
-    let guess = unknown::Guess {
-        vehicle_ned_m: stream.here,
-        source_ned_m: stream.source,
-        source_sigma_m: draw.any(0.0, 10.0),
-        line: wall,
-        angle_sigma_rad: draw.any(0.0, 3.0),
-        offset_sigma_m: draw.any(0.0, 10.0),
-    };
-    let mut image = unknown::State::default();
-    let _ = guessed.begin(&mut image, &guess);
     // Of which the vehicle hears the mirror image.
     if draw.flag() && wall.offset_m.abs() < 1e5 {
         stream.source = wall.mirror(stream.source);
@@ -283,12 +262,6 @@ fn behind_walls(draw: &mut Draw<'_>) -> Reached {
                 check_covariance(state.covariance(), &about);
                 known = true;
             }
-        }
-        let _ = guessed.step(&mut image, &heard).map(|heard| check_heard(&heard, &about));
-        if let Some(estimate) = image.estimate() {
-            assert!(estimate.place_ned_m.is_finite() && image.mean().iter().all(|x| x.is_finite()), "{image:?}");
-            check_covariance(image.covariance(), &about);
-            known = true;
         }
         reached.answers += 1;
         reached.usable += u32::from(known);

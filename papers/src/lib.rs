@@ -10,7 +10,7 @@
 //! | main paper | [`aoa`] | Algorithm 1 with its half-plane rule; the pair, the crossings of two, three and more antennas | the half-plane by magnitudes, and by cross-correlation | `foxhound reproduce aoa-circle`, `aoa-crb`; `--estimator` |
 //! | main paper | [`apf`] | Algorithm 2; eq. 47 as a distance; the plain field; descent by the gradient | eq. 47 as a signed offset; steps of a fixed length, whole or in quarters | `foxhound reproduce apf-density`; `--planner` |
 //! | variants paper | [`apf`] | Khatib's, Rizqi's and Sun's fields and the virtual force | signs, directions and powers where forces and potentials contradict each other | `foxhound reproduce apf-variants` |
-//! | mmWave paper | [`filters`] | the Cartesian filter, and both filters behind a wall | the polar filter behind walls that are known, or not quite | `foxhound reproduce localize` |
+//! | mmWave paper | [`filters`] | the Cartesian filter, and both filters behind a wall | the polar filter behind walls that are known | `foxhound reproduce localize` |
 //! | rotating vehicle's paper | [`rotating`] | the lemmas about outliers | the sharp bound of the second one | `foxhound reproduce stretch` |
 //! | none: ours | [`multipath`] | MUSIC over several looks | two paths by maximum likelihood | `foxhound bearing --looks` |
 //!

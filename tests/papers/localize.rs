@@ -58,14 +58,6 @@ fn filters_localize_as_the_paper_shows_and_ours_know_how_well() {
     assert!(row(&filters, "nlos_corner")["paper"].is_null());
     let moving = row(&filters, "nlos_moving");
     assert!(number(moving, "/ours/median_m") <= 3.0, "{moving}");
-
-    // A wall that is 20 % off.
-    for name in ["nlos_unknown", "nlos_unknown_vertical"] {
-        let row = row(&filters, name);
-        assert!(number(row, "/ours/converged") >= 0.8, "{row}");
-        assert!(number(row, "/ours/converged") > number(row, "/paper/converged"), "{row}");
-        assert!(number(row, "/ours/median_m") < number(row, "/paper/median_m"), "{row}");
-    }
 }
 
 /// Paths that minimise the covariance reduce it by a factor of 2.3 in sight, without touching an obstacle.

@@ -3,7 +3,7 @@
 //! The filters that fly are in [`foxhound_core::localize::source`]: modified polar coordinates, and a bank of them.
 //!
 //! - [`cartesian`] and [`reflected::literal`]: the paper's filters, as printed.
-//! - [`reflected`]: the polar filter behind walls, known or uncertain, one or several.
+//! - [`reflected`]: the polar filter behind known walls, one or several.
 
 use foxhound_core::localize::source::{Estimate, Sighting, Update};
 

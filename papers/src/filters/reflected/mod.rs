@@ -2,9 +2,7 @@
 //!
 //! - [`fold`]: lines of reflection as mirrors, of any order (eq. 9 of the mmWave paper). A sighting off lines that are known
 //!   becomes a sighting of the source itself.
-//! - [`Known`]: known lines, the default: [`polar`](foxhound_core::localize::source::polar) behind the mirrors.
-//! - [`Unknown`]: an uncertain line, the default: the mirror image in modified polar coordinates, which is all that
-//!   bearings determine, and the line by its angle and offset, which only a prior determines.
+//! - [`Known`]: known lines: [`polar`](foxhound_core::localize::source::polar) behind the mirrors.
 //! - [`law`]: the law of reflection as the paper has it (eq. 4-7), and [`literal`] its two filters, the baselines.
 
 use foxhound_core::base::math::sqrt;
@@ -18,10 +16,8 @@ pub mod fold;
 pub mod known;
 pub mod law;
 pub mod literal;
-pub mod unknown;
 
 pub use known::Known;
-pub use unknown::Unknown;
 
 /// The paper's slope and intercept of a wall, `m` and `c` of eq. 5, in its frame (x east, y north); infinite for a vertical
 /// wall.

@@ -3,19 +3,15 @@
 use foxhound_core::ConfigError;
 use foxhound_core::localize::source::{Estimate, Sighting, Update, polar};
 use foxhound_papers::filters::cartesian;
-use foxhound_papers::filters::reflected::{self, Degenerate, Known, Unknown, literal, unknown};
+use foxhound_papers::filters::reflected::{self, Degenerate, Known, literal};
 
 use super::picture::Figure;
 use super::scene::{Scene, around, draw_before, draw_range, draw_slanted};
 use super::trial::{Course, Gathered, ORIGIN, SIGHTINGS, Wall, anywhere_rad, nees, polar_nees, uniform};
-use super::{FIG_3_M, Outcome, PAPER_FIG_3_M, Row};
+use super::{FIG_3_M, Outcome, Row};
 use crate::world::random::Random;
 use crate::world::{Horizontal, from_core};
 
-/// How far off the guess of an unknown wall is.
-const GUESS: f64 = 0.2;
-/// The slope of a wall at 45 deg, 20 % off.
-const GUESS_RAD: f64 = 0.1;
 /// The moving source's, its speed along each axis, and the white acceleration that pushes it.
 const MOVING_RHO: [f64; 2] = [0.05, 0.003];
 const SPEED_MPS: f64 = 0.1;
@@ -43,9 +39,9 @@ impl Stage {
         }
     }
 
-    pub(super) fn row(&self, name: &'static str, label: &'static str, judged: bool) -> Row {
-        let paper = self.has_paper.then(|| Outcome::new(&self.paper, judged));
-        Row { name, label, paper, ours: Outcome::new(&self.ours, judged) }
+    pub(super) fn row(&self, name: &'static str, label: &'static str) -> Row {
+        let paper = self.has_paper.then(|| Outcome::new(&self.paper));
+        Row { name, label, paper, ours: Outcome::new(&self.ours) }
     }
 
     pub(super) fn figure(&mut self, title: &str) -> Figure {
@@ -204,110 +200,6 @@ impl Stage {
             self.polar::<2, 2>(&course, &sightings, [1.0 / (range_m + FIG_3_M), 0.03], 0.0)?;
         }
         Ok(())
-    }
-
-    /// The paper's filter of `(p, m, c)` and ours of image and line, from one guess.
-    pub(super) fn unknown(&mut self, draw: &dyn Fn(&mut Random) -> Wall) -> Result<(), ConfigError> {
-        let paper = literal::Config::DEFAULT.build()?;
-        let ours = unknown::Config {
-            outlier_rate: 0.0,
-            odometry_m2_per_s: 0.0,
-            angle_rad2_per_s: 0.0,
-            offset_m2_per_s: 0.0,
-            ..unknown::Config::DEFAULT
-        };
-        let ours = ours.build()?;
-        let mut run = 0;
-        while run < self.runs {
-            let wall = draw(&mut self.random);
-            let source = draw_before(&[wall], &mut self.random);
-            let source_sigma_m = GUESS * source.norm();
-            let offset_sigma_m = GUESS * wall.offset_m;
-            let guessed_wall = Wall::new(
-                wall.normal.bearing_rad() + GUESS_RAD * self.random.gaussian(),
-                wall.offset_m + offset_sigma_m * self.random.gaussian(),
-            );
-            let guessed = around(source, source_sigma_m, &mut self.random);
-            // A guess says at least that source and robot are on one side of the wall.
-            if guessed_wall.clearance_m(guessed) < 0.5 || guessed_wall.offset_m < 0.5 {
-                continue;
-            }
-            let Some(course) = Course::random(vec![wall], source, &mut self.random) else { continue };
-            run += 1;
-            let sightings = course.hear(&mut self.random);
-            let line = guessed_wall.to_core();
-            let initial_m = guessed.minus(source).norm();
-
-            let guess = unknown::Guess {
-                vehicle_ned_m: ORIGIN.to_core(),
-                source_ned_m: guessed.to_core(),
-                source_sigma_m: source_sigma_m as f32,
-                line,
-                angle_sigma_rad: GUESS_RAD as f32,
-                offset_sigma_m: offset_sigma_m as f32,
-            };
-            self.follow_unknown(&ours, &guess, &course, &sightings, initial_m);
-
-            let [m, c] = reflected::slope_intercept(&line);
-            let stretch = libm::hypot(1.0, f64::from(m));
-            let lever_m = libm::hypot(offset_sigma_m, GUESS_RAD * guessed.norm());
-            let guess = literal::Guess {
-                vehicle_ned_m: guess.vehicle_ned_m,
-                vehicle_sigma_m: 0.01,
-                source_ned_m: guess.source_ned_m,
-                source_sigma_m: guess.source_sigma_m,
-                slope_intercept: [m, c],
-                slope_intercept_sigma: [(GUESS_RAD * stretch * stretch) as f32, (lever_m * stretch) as f32],
-            };
-            let mut state = literal::State::default();
-            if paper.begin_unknown(&mut state, &guess).is_err() {
-                self.paper.lost += 1;
-                continue;
-            }
-            let at_first = state.estimate();
-            let places = follow(&mut self.paper, &course, &sightings, at_first, |sighting| {
-                let heard = paper.step(&mut state, sighting);
-                (heard, state.estimate())
-            });
-            let line = reflected::of_slope_intercept(state.slope_intercept());
-            let image = places.last().copied().flatten().map(|estimate| line.mirror(estimate.place_ned_m));
-            self.paper.judge(&course, image.map(from_core), initial_m);
-        }
-        Ok(())
-    }
-
-    fn follow_unknown(
-        &mut self,
-        filter: &Unknown,
-        guess: &unknown::Guess,
-        course: &Course,
-        sightings: &[Sighting],
-        initial_m: f64,
-    ) {
-        let mut state = unknown::State::default();
-        if filter.begin(&mut state, guess).is_err() {
-            self.ours.lost += 1;
-            return;
-        }
-        let at_first = state.estimate();
-        follow(&mut self.ours, course, sightings, at_first, |sighting| {
-            let heard = filter.step(&mut state, sighting);
-            (heard, state.estimate())
-        });
-        let image = state.image().map(|image| from_core(image.place_ned_m));
-        self.ours.judge(course, image, initial_m);
-    }
-}
-
-impl Gathered {
-    /// Whether the last run has converged: the image is known, and the source not worse than before.
-    fn judge(&mut self, course: &Course, image: Option<Horizontal>, initial_m: f64) {
-        let last = course.robot.len() - 1;
-        let truth = course.image(last);
-        let range_m = truth.minus(course.robot[last]).norm();
-        let error_m = self.errors_m.last().copied().unwrap_or(f64::INFINITY);
-        let image_found = image.is_some_and(|image| image.minus(truth).norm() < 0.1 * range_m);
-        self.converged += usize::from(image_found && (error_m < initial_m || error_m < PAPER_FIG_3_M));
     }
 }
 

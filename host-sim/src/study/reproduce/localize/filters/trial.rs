@@ -155,7 +155,6 @@ impl Course {
 pub(super) struct Gathered {
     pub(super) initial_m: Vec<f64>,
     pub(super) errors_m: Vec<f64>,
-    pub(super) converged: usize,
     pub(super) lost: usize,
     pub(super) nis: Consistency,
     pub(super) nees: Consistency,
