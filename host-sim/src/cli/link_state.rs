@@ -61,9 +61,9 @@ fn train(cli: &Cli, args: &LinkState) -> Result<ExitCode, InputError> {
         cli.note(&format!("note: the weights of the repository are those of seed {SEED}"));
     }
     let progress = cli.spinner("training");
-    let trained = link_state::train(cli.seed, args.train);
+    let trained = link_state::train(cli.seed);
     progress.finish_and_clear();
-    let (trained, ablations) = trained?;
+    let trained = trained?;
     let source = link_state::source(&trained.weights, cli.seed);
     let is_same = source == there;
     if cli.json {
@@ -79,7 +79,7 @@ fn train(cli: &Cli, args: &LinkState) -> Result<ExitCode, InputError> {
         return Ok(ExitCode::from(u8::from(!(is_same && is_described))));
     }
     write_text(&weights, &source)?;
-    write_text(&document, &link_state::document(&trained.report, &ablations))?;
+    write_text(&document, &link_state::document(&trained.report))?;
     cli.note(&format!("written: {}, {}", weights.display(), document.display()));
     Ok(ExitCode::SUCCESS)
 }

@@ -14,7 +14,6 @@ pub use legs::NONE_BELOW_DB;
 pub use writing::{DOCUMENT_FILE, WEIGHTS_FILE, document, measured, source};
 
 use foxhound_core::ConfigError;
-use foxhound_core::localize::link_state::weights::WEIGHTS;
 use foxhound_core::localize::link_state::{CLASSES, Classifier, FEATURES, HIDDEN, Weights};
 use rayon::prelude::*;
 
@@ -34,30 +33,6 @@ const DECAY: f64 = 1e-4;
 /// Purposes of the random numbers, one a scene.
 const TRAINING: u64 = 1 << 32;
 const EXAMINATION: u64 = 2 << 32;
-
-/// Balanced accuracy of a network that sees less, or more.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ablation {
-    /// What it sees.
-    pub name: &'static str,
-    /// Balanced accuracy without a map.
-    pub without_map: f64,
-    /// With one.
-    pub with_map: f64,
-}
-
-/// Groups of features, by name and place in `foxhound_core::localize::link_state::NAMES`.
-const GROUPS: [(&str, &[usize]); 7] = [
-    ("without the level", &[0]),
-    ("without its slope", &[1]),
-    ("without fading", &[2]),
-    ("without closure, coherence, wavenumber, flags", &[3, 4, 5, 6]),
-    ("without the share of silent looks", &[7]),
-    ("without jitter, misfit, inverse range", &[8, 9, 10, 11]),
-    ("without the wall ahead", &[12, 13, 14]),
-];
-/// All features but the first.
-const ALL_BUT_LEVEL: &[usize] = &[1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14];
 
 /// New weights, and their examination with other scenes.
 #[derive(Clone, Debug)]
@@ -82,79 +57,28 @@ pub fn examine(classifier: &Classifier, seed: u64, scenes: u32) -> Result<Report
     Ok(Report::of(classifier, seed, &draw(seed, EXAMINATION, scenes)?))
 }
 
-/// What a network is given of a sample.
-fn inputs(sample: &Sample, mapped: bool, keep: &dyn Fn(usize) -> bool, music: bool) -> Vec<f64> {
-    let features = if mapped { &sample.mapped } else { &sample.blind };
-    let own = features.iter().enumerate().filter(|(k, _)| keep(*k)).map(|(_, x)| f64::from(*x));
-    let more = sample.music.iter().filter(|_| music).map(|x| f64::from(*x));
-    own.chain(more).collect()
-}
-
-/// A kind of network that is compared.
-struct Contender {
-    name: &'static str,
-    without: &'static [usize],
-    music: bool,
-    hidden: usize,
-}
-
-impl Contender {
-    fn inputs(&self, sample: &Sample, mapped: bool) -> Vec<f64> {
-        inputs(sample, mapped, &|k| !self.without.contains(&k), self.music)
-    }
-
-    fn train(&self, scenes: &[Vec<Sample>], seed: u64) -> Network {
-        let mut rows = Rows::default();
-        for sample in scenes.iter().flatten() {
-            for mapped in [false, true] {
-                rows.inputs.push(self.inputs(sample, mapped));
-                rows.classes.push(sample.class);
-            }
-        }
-        let recipe = Recipe { hidden: self.hidden, classes: CLASSES, epochs: EPOCHS, decay: DECAY, rate: RATE };
-        Network::train(&rows, &recipe, seed)
-    }
-
-    fn examine(&self, network: &Network, scenes: &[Vec<Sample>]) -> Ablation {
-        let balanced = |mapped: bool| {
-            let pairs = scenes.iter().flatten();
-            let pairs = pairs.map(|sample| (sample.class, network.classify(&self.inputs(sample, mapped))));
-            examination::balanced_accuracy(&examination::confusion(pairs))
-        };
-        Ablation { name: self.name, without_map: balanced(false), with_map: balanced(true) }
-    }
-}
-
-/// All features, and as many neurons as the core has.
-const ALL: Contender = Contender { name: "all of them", without: &[], music: false, hidden: HIDDEN };
-
-/// Trains the weights of the repository, and others beside them where the features are compared.
+/// Trains the weights of the repository.
 ///
 /// # Errors
 /// None in practice: the chain's own configuration.
-pub fn train(seed: u64, ablate: bool) -> Result<(Trained, Vec<Ablation>), ConfigError> {
+pub fn train(seed: u64) -> Result<Trained, ConfigError> {
     let lessons = draw(seed, TRAINING, TRAINING_SCENES)?;
     let exam = draw(seed, EXAMINATION, EXAMINATION_SCENES)?;
-    let mut contenders = vec![ALL];
-    if ablate {
-        contenders.extend(GROUPS.map(|(name, without)| Contender { name, without, ..ALL }));
-        contenders.push(Contender { name: "the level alone", without: ALL_BUT_LEVEL, ..ALL });
-        contenders.push(Contender { name: "all, without a hidden layer", hidden: 0, ..ALL });
-        contenders.push(Contender { name: "all, with 24 hidden neurons", hidden: 24, ..ALL });
-        contenders.push(Contender { name: "all, and the two-path fit of eight looks", music: true, ..ALL });
+    let mut rows = Rows::default();
+    for sample in lessons.iter().flatten() {
+        for features in [&sample.blind, &sample.mapped] {
+            rows.inputs.push(features.map(f64::from).to_vec());
+            rows.classes.push(sample.class);
+        }
     }
-    let networks: Vec<Network> = contenders.par_iter().map(|contender| contender.train(&lessons, seed)).collect();
-    let ablations = contenders.par_iter().zip(&networks).map(|(c, network)| c.examine(network, &exam)).collect();
-    let weights = networks.first().and_then(weights_of).unwrap_or(WEIGHTS);
+    let recipe = Recipe { hidden: HIDDEN, classes: CLASSES, epochs: EPOCHS, decay: DECAY, rate: RATE };
+    let weights = weights_of(&Network::train(&rows, &recipe, seed));
     let report = Report::of(&Classifier::new(weights.clone()), seed, &exam);
-    Ok((Trained { weights, report }, ablations))
+    Ok(Trained { weights, report })
 }
 
-/// A network in the core's form, the scaling folded into the first layer; `None` when the shape is another.
-fn weights_of(network: &Network) -> Option<Weights> {
-    if network.inputs != FEATURES || network.hidden != HIDDEN {
-        return None;
-    }
+/// A network in the core's form, the scaling folded into the first layer.
+fn weights_of(network: &Network) -> Weights {
     let mut weights = Weights {
         hidden: [[0.0; FEATURES]; HIDDEN],
         hidden_bias: [0.0; HIDDEN],
@@ -174,5 +98,5 @@ fn weights_of(network: &Network) -> Option<Weights> {
         weights.output[class] = std::array::from_fn(|k| row[k] as f32);
         weights.output_bias[class] = row[HIDDEN] as f32;
     }
-    Some(weights)
+    weights
 }

@@ -173,6 +173,7 @@ impl Network {
     }
 
     /// The most probable class.
+    #[cfg(test)]
     pub(super) fn classify(&self, row: &[f64]) -> usize {
         let probabilities = self.softmax(&self.hidden(&self.scaled(row)));
         let mut best = 0;

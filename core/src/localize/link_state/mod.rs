@@ -9,9 +9,8 @@
 //! neural network (module `network`) classifies them.
 //!
 //! The network was trained in the simulator on random buildings and yards: `foxhound link-state --train` makes
-//! [`weights`] and `docs/results/link-state.md`, which shows how often it is right, and how much each feature
-//! contributes. Its probabilities assume that all classes are equally frequent; `docs/results/link-state.md` has the
-//! numbers of the scenes.
+//! [`weights`] and `docs/results/link-state.md`, which shows how often it is right. Its probabilities assume that all
+//! classes are equally frequent; the page has the numbers of the scenes.
 //!
 //! Limit: a single strong mirror image without other waves cannot be distinguished from the beacon, unless the map
 //! contains the wall.

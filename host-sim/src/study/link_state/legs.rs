@@ -9,7 +9,6 @@ use foxhound_core::doa::bearing::{self, BearingEstimator};
 use foxhound_core::localize::link_state::{Classifier, FEATURES, Features, Sightline, State};
 use foxhound_core::mapping::walls::Wall;
 use foxhound_core::signal::phase::{self, Extractor};
-use foxhound_papers::multipath::{self, Looks};
 
 use super::scenes::{Scene, within};
 use crate::world::antennas::{Antennas, Impairments, Reflection};
@@ -31,8 +30,6 @@ const LOOKS: usize = 80;
 const EVERY: usize = 6;
 /// Legs of a scene.
 const LEGS: usize = 4;
-/// Numbers that several observations in two directions would add (`foxhound_papers::multipath`).
-pub(super) const MUSIC: usize = 3;
 
 /// A moment of a leg.
 #[derive(Clone, Debug)]
@@ -41,8 +38,6 @@ pub(super) struct Sample {
     pub(super) blind: [f32; FEATURES],
     /// With most walls known.
     pub(super) mapped: [f32; FEATURES],
-    /// What the two-path fit says: whether there are two, their ratio, what is left over.
-    pub(super) music: [f32; MUSIC],
     /// Truth, an index into `LinkState::ALL`.
     pub(super) class: usize,
     /// By how much the strongest path stands above the strongest of another class.
@@ -55,18 +50,12 @@ pub(super) struct Sample {
 pub(super) struct Chain {
     extractor: Extractor<N>,
     estimator: BearingEstimator,
-    resolver: Looks,
 }
 
 impl Chain {
     pub(super) fn build() -> Result<Self, ConfigError> {
         let estimator = bearing::Config::default().build(array::Config::default().build()?)?;
-        let resolver = multipath::Config { move_min_wavelengths: 0.2, ..multipath::Config::default() };
-        Ok(Self {
-            extractor: phase::Config::default().build()?,
-            resolver: resolver.build(estimator.array())?,
-            estimator,
-        })
+        Ok(Self { extractor: phase::Config::default().build()?, estimator })
     }
 
     /// All samples of one scene.
@@ -84,7 +73,7 @@ impl Chain {
         let yaw_bias_rad = 0.015 * random.gaussian();
         let odometry = 1.0 + 0.01 * random.gaussian();
         let (mut yaw_rad, turn_rad) = (within(random, -PI, PI), 0.05 * random.gaussian());
-        let (mut heard, mut pairs) = (phase::State::<N>::default(), multipath::State::default());
+        let mut heard = phase::State::<N>::default();
         let (mut blind, mut mapped) = (State::new(), State::new());
         let mut truths = Vec::with_capacity(places.len());
         let mut samples = Vec::new();
@@ -110,12 +99,6 @@ impl Chain {
                 bearing_ned_rad.map_or(Sightline::Clear, |angle| Sightline::among(&known, place.to_core(), angle, 0.2));
             let _ = Classifier::TRAINED.step(&mut blind, &look(Sightline::Unknown));
             let _ = Classifier::TRAINED.step(&mut mapped, &look(seen));
-            let position_ned_m =
-                Some(foxhound_core::base::ned::Ned { north: place_ned_m.north, east: place_ned_m.east, down: 0.0 });
-            let _ = self.resolver.take(
-                &mut pairs,
-                &multipath::Frame { phasors: &phasors, bearing: &bearing, yaw_rad: told_yaw_rad, position_ned_m },
-            );
             let (class, lead_db) = truth(scene, &paths);
             truths.push(class);
             if index % EVERY == 0
@@ -124,17 +107,10 @@ impl Chain {
                 let is_fresh = truths[index.saturating_sub(foxhound_core::localize::link_state::WINDOW)..]
                     .iter()
                     .any(|c| *c != class);
-                samples.push(Sample { blind, mapped, music: self.music(&pairs), class, lead_db, is_fresh });
+                samples.push(Sample { blind, mapped, class, lead_db, is_fresh });
             }
         }
         samples
-    }
-
-    fn music(&self, pairs: &multipath::State) -> [f32; MUSIC] {
-        let Some(arrival) = self.resolver.solve(pairs, 1.0) else { return [0.0; MUSIC] };
-        let ratio = arrival.reflection.map_or(0.0, |second| second.relative_power);
-        let left = libm::log1pf(arrival.bearing.quality.closure_chi2.clamp(0.0, 1e6));
-        [if arrival.reflection.is_some() { 1.0 } else { -1.0 }, ratio, left]
     }
 }
 

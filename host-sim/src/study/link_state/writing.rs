@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use foxhound_core::localize::link_state::{NAMES, Weights};
 
 use super::examination::{CLASS_NAMES, Confusion};
-use super::{Ablation, Report, TRAINING_SCENES};
+use super::{Report, TRAINING_SCENES};
 
 /// Where the weights are, in the repository.
 pub const WEIGHTS_FILE: &str = "core/src/localize/link_state/weights.rs";
@@ -40,14 +40,8 @@ pub fn source(weights: &Weights, seed: u64) -> String {
 
 /// The document.
 #[must_use]
-pub fn document(report: &Report, ablations: &[Ablation]) -> String {
-    let mut text = format!("{INTRODUCTION}\n{}\n## What the features are worth\n\n{ABLATION}", measured(report));
-    text.push_str("| the network sees | without a map, % | with most walls known, % |\n|---|---|---|\n");
-    for row in ablations {
-        let _ = writeln!(text, "| {} | {:.1} | {:.1} |", row.name, 100.0 * row.without_map, 100.0 * row.with_map);
-    }
-    let _ = write!(text, "\nFeatures, in order: `{}`.\n\n{LIMITS}", NAMES.join("`, `"));
-    text
+pub fn document(report: &Report) -> String {
+    format!("{INTRODUCTION}\n{}\nFeatures, in order: `{}`.\n\n{LIMITS}", measured(report), NAMES.join("`, `"))
 }
 
 /// The part of the document that the examination makes.
@@ -117,11 +111,6 @@ sample. A wave through a wall is line of sight: its bearing is right. With a map
 ends to 0.1 m.
 
 Classes count alike in the training. Intervals hold 95 % of 1000 draws of as many scenes.
-";
-
-const ABLATION: &str =
-    "Balanced accuracy of networks trained the same way, each once, with one seed: differences of a point mean little.
-
 ";
 
 const LIMITS: &str = "## What cannot be told
