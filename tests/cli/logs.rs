@@ -1,11 +1,13 @@
 //! Logs that other tools open: MCAP, CSV, Parquet, telemetry logs. Those tools read them: `cargo xtask test` installs them.
-#![expect(clippy::panic, clippy::unwrap_used, reason = "a test that cannot go on fails")]
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::path::Path;
 
 use foxhound_sim::record::table::COLUMNS;
 use foxhound_tests::{Autopilot, checked_by, peer_says, refused, root, run_json, text};
 use serde_json::{Value, json};
+
+use crate::report::number;
 
 /// Largest MCAP file of the built-in mission.
 const MCAP_BYTES: u64 = 3_000_000;
@@ -20,10 +22,6 @@ fn look_into(path: &Path) -> Value {
 /// What a program of `tests/peers` says of files, as one JSON object.
 fn told(script: &str, files: &[&Path]) -> Value {
     serde_json::from_str(&peer_says(script, files)).unwrap()
-}
-
-fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
 }
 
 fn manual() -> String {

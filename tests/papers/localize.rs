@@ -1,17 +1,13 @@
 //! `foxhound reproduce localize`: how well filters localize, through the command line.
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
-use foxhound_tests::run_json;
+use foxhound_tests::{number, run_json};
 use serde_json::Value;
 
 fn report(part: &str) -> Value {
     let (status, mut report) = run_json(&["reproduce", "localize", "--json"]);
     assert_eq!(status, 0);
     report[part].take()
-}
-
-fn number(value: &Value, pointer: &str) -> f64 {
-    value.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN)
 }
 
 fn row<'a>(filters: &'a Value, name: &str) -> &'a Value {

@@ -1,7 +1,7 @@
 //! Looking for a transmitter indoors: filters against the raw angle of arrival.
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
-use foxhound_tests::{run, run_json};
+use foxhound_tests::{number, run, run_json};
 use serde_json::Value;
 
 const SCENARIOS: &str = "60";
@@ -12,10 +12,6 @@ fn report(more: &[&str]) -> Value {
     let (status, report) = run_json(&arguments);
     assert_eq!(status, 0);
     report
-}
-
-fn number(value: &Value, path: &str) -> f64 {
-    value.pointer(path).and_then(Value::as_f64).unwrap_or(f64::NAN)
 }
 
 /// An agent's row at a noise.

@@ -1,6 +1,6 @@
 //! `foxhound reproduce apf-density` and `apf-variants`, through the command line.
 
-use foxhound_tests::run_json;
+use foxhound_tests::{number, run_json};
 use serde_json::Value;
 
 const PLANNERS: [&str; 5] = ["standard", "paper", "standard_full_loop", "paper_full_loop", "ours"];
@@ -9,10 +9,6 @@ fn density(pairs: &str, extra: &[&str]) -> Value {
     let (status, report) = run_json(&[&["reproduce", "apf-density", "--pairs", pairs, "--json"], extra].concat());
     assert_eq!(status, 0);
     report
-}
-
-fn number(value: &Value, pointer: &str) -> f64 {
-    value.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN)
 }
 
 /// The Wilson interval with `z = 1.96`, by the textbook's other form: the roots of `(p - rate)^2 = z^2 p (1 - p) / n`.

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use foxhound_tests::run_json;
+use foxhound_tests::{number, run_json};
 use serde_json::Value;
 
 const TRIALS: &str = "150";
@@ -15,10 +15,6 @@ fn report() -> &'static Value {
         assert_eq!(status, 0);
         report
     })
-}
-
-fn number(value: &Value, pointer: &str) -> f64 {
-    value.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN)
 }
 
 fn row(p: f64, sigma_deg: f64) -> Value {

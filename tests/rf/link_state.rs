@@ -1,11 +1,7 @@
 //! The link state's classifier on fresh scenes, and its training, through the command line.
 
-use foxhound_tests::{root, run, run_json};
+use foxhound_tests::{number, root, run, run_json};
 use serde_json::Value;
-
-fn number(value: &Value, pointer: &str) -> f64 {
-    value.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN)
-}
 
 /// Counts, rates and intervals of an outcome agree with one another.
 fn check(outcome: &Value, counts: &Value) {

@@ -64,6 +64,12 @@ pub fn run_json(arguments: &[&str]) -> (i32, Value) {
     (output.status.code().unwrap_or(-1), value.unwrap())
 }
 
+/// The number at a JSON pointer; NaN where there is none.
+#[must_use]
+pub fn number(value: &Value, pointer: &str) -> f64 {
+    value.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN)
+}
+
 /// Runs `foxhound`, which must end well, and reads its standard output as JSON, an object a line.
 #[must_use]
 pub fn run_json_lines(arguments: &[&str]) -> Vec<Value> {
