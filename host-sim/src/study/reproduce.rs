@@ -10,7 +10,7 @@
 //! - [`mmwave`], `mmwave`: agents that search for a transmitter indoors (mmWave paper, Table 3, fig. 5 and 6).
 //! - [`multipath`], `multipath`: the closed loop among walls that reflect, with and without filters.
 //! - [`stretch`], `stretch`: excess travel of a vehicle that follows its turning antenna, outliers among its measurements (fig. 3
-//!   and 4 of the rotating vehicle's paper), the discs of its lemmas, and a source that moves.
+//!   and 4 of the rotating vehicle's paper), and a source that moves.
 //!
 //! Each experiment is a [`Study`]: a serialisable report with a table as text and pictures. [`Experiment`]
 //! runs any of them by its name; [`gallery`] keeps all of them in a folder with a page.

@@ -8,14 +8,12 @@
 //! it is.
 //!
 //! Far from the source a greedy step gains `(1 - p) exp(-sigma^2 / 2)` of its length, which makes the stretch that closed
-//! form's inverse, less what the last metre saves. [`lemmas`] are the two discs to which the greedy rule returns for ever,
-//! [`moving`] is a source that moves.
+//! form's inverse, less what the last metre saves. [`moving`] is a source that moves.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use foxhound_papers::rotating::lemma::{Motion, mean_cosine};
 use rayon::prelude::{IntoParallelIterator as _, ParallelIterator as _};
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -28,12 +26,11 @@ use crate::study::reproduce::{Beside, Judgement, Study, Verdict, Watch};
 use crate::world::Horizontal;
 use crate::world::random::Random;
 
-pub mod lemmas;
 pub mod moving;
 
 mod walk;
 
-use walk::{Model, Outliers, REACHED_M, Rule, STEP_M, Walk};
+use walk::{Model, REACHED_M, Rule, STEP_M, Walk};
 
 /// Outlier rates: the paper's range, with the rates it names.
 pub const OUTLIER_RATES: [f64; 9] = [0.0, 0.1, 0.2, 0.2667, 0.3, 1.0 / 3.0, 0.4, 0.5, 0.6];
@@ -62,8 +59,6 @@ pub struct Report {
     pub steps_max: u32,
     /// A condition each.
     pub rows: Vec<Row>,
-    /// Returns to the discs of the two lemmas.
-    pub lemmas: lemmas::Report,
     /// A source that moves.
     pub moving: moving::Report,
 }
@@ -134,10 +129,10 @@ pub fn trials(each: u32) -> u64 {
 }
 
 /// What the model gives for the greedy rule: a step gains `(1 - p) exp(-sigma^2 / 2)` of its length.
-fn closed_form(p: f64, sigma_deg: f64) -> Result<f64, InputError> {
-    let motion = Motion::new(STEP_M as f32, p as f32, mean_cosine(sigma_deg.to_radians() as f32))?;
-    let far = motion.stretch().map_err(|silent| InputError::new(format!("{silent:?}")))?;
-    Ok(f64::from(far) * (1.0 - REACHED_M / libm::hypot(START_M[0], START_M[1])))
+fn closed_form(p: f64, sigma_deg: f64) -> f64 {
+    let sigma_rad = sigma_deg.to_radians();
+    let far = 1.0 / ((1.0 - p) * libm::exp(-0.5 * sigma_rad * sigma_rad));
+    far * (1.0 - REACHED_M / libm::hypot(START_M[0], START_M[1]))
 }
 
 impl Study for Report {
@@ -162,7 +157,7 @@ impl Study for Report {
         let done = AtomicU64::new(0);
         let mut rows = Vec::new();
         for (condition, (p, sigma_deg)) in conditions().enumerate() {
-            let model = Model { outlier_rate: p, sigma_rad: sigma_deg.to_radians(), outliers: Outliers::Anywhere };
+            let model = Model { outlier_rate: p, sigma_rad: sigma_deg.to_radians() };
             let all: Vec<[Option<f64>; 2]> = (0..trials)
                 .into_par_iter()
                 .map(|trial| {
@@ -180,18 +175,11 @@ impl Study for Report {
                 sigma_deg,
                 greedy_stretch: stretch(0),
                 filtered_stretch: stretch(1),
-                closed_form: closed_form(p, sigma_deg)?,
+                closed_form: closed_form(p, sigma_deg),
                 paper: Paper { mean: ([p, sigma_deg] == PAPER[..2]).then_some(PAPER[2]) },
             });
         }
-        Ok(Self {
-            experiment: "stretch",
-            trials,
-            steps_max: STEPS_MAX,
-            rows,
-            lemmas: lemmas::run(seed, trials)?,
-            moving: moving::run(seed, trials)?,
-        })
+        Ok(Self { experiment: "stretch", trials, steps_max: STEPS_MAX, rows, moving: moving::run(seed, trials)? })
     }
 
     fn table(&self) -> String {
@@ -217,7 +205,6 @@ impl Study for Report {
                 written(&row.filtered_stretch)
             );
         }
-        text.push_str(&self.lemmas.table());
         text.push_str(&self.moving.table());
         text
     }

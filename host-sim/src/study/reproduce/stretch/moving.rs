@@ -10,7 +10,7 @@ use std::path::Path;
 use rayon::prelude::{IntoParallelIterator as _, ParallelIterator as _};
 use serde::Serialize;
 
-use super::walk::{Model, Outliers, REACHED_M, Rule, STEP_M, Walk};
+use super::walk::{Model, REACHED_M, Rule, STEP_M, Walk};
 use crate::scenario::input::InputError;
 use crate::study::reproduce::chart::{Axis, Chart, Panel, Series};
 use crate::world::Horizontal;
@@ -128,7 +128,7 @@ pub(super) fn run(seed: u64, trials: u32) -> Result<Report, InputError> {
     let mut rows = Vec::new();
     for course in &COURSES {
         for p in RATES {
-            let model = Model { outlier_rate: p, sigma_rad: SIGMA_DEG.to_radians(), outliers: Outliers::Anywhere };
+            let model = Model { outlier_rate: p, sigma_rad: SIGMA_DEG.to_radians() };
             for (rule, name) in rules.iter().zip(RULES) {
                 let all: Vec<Vec<f64>> = (0..walks)
                     .into_par_iter()
@@ -153,7 +153,7 @@ pub(super) fn run(seed: u64, trials: u32) -> Result<Report, InputError> {
             }
         }
     }
-    let model = Model { outlier_rate: RATES[1], sigma_rad: SIGMA_DEG.to_radians(), outliers: Outliers::Anywhere };
+    let model = Model { outlier_rate: RATES[1], sigma_rad: SIGMA_DEG.to_radians() };
     let tracks = COURSES.iter().map(|course| {
         let track = |rule: &Rule| {
             let mut places = Vec::new();

@@ -1,6 +1,6 @@
 //! The paper's model of a vehicle that flies along a measured direction (eq. 2-3), and the rules that choose it.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 use foxhound_core::ConfigError;
 use foxhound_core::localize::source::{Sighting, bank};
@@ -17,32 +17,18 @@ const SIGMA_MIN_RAD: f32 = 0.02;
 /// Distance at which the source is reached.
 pub(super) const REACHED_M: f64 = 1.0;
 
-/// Where outliers point.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Outliers {
-    /// Anywhere.
-    Anywhere,
-    /// Straight away from the source: the worst that can be.
-    Away,
-}
-
-/// The measurement.
+/// The measurement; outliers point anywhere.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Model {
     pub(super) outlier_rate: f64,
     pub(super) sigma_rad: f64,
-    pub(super) outliers: Outliers,
 }
 
 impl Model {
     /// A measured direction (eq. 2). The same numbers are drawn whatever comes of them.
     pub(super) fn heard_rad(&self, source_rad: f64, random: &mut Random) -> f64 {
         let (coin, noise, anywhere) = (random.uniform(), random.gaussian(), random.uniform());
-        let outlier_rad = match self.outliers {
-            Outliers::Anywhere => TAU * anywhere,
-            Outliers::Away => source_rad + PI,
-        };
-        wrap_pi(if coin < self.outlier_rate { outlier_rad } else { source_rad + self.sigma_rad * noise })
+        wrap_pi(if coin < self.outlier_rate { TAU * anywhere } else { source_rad + self.sigma_rad * noise })
     }
 }
 
@@ -111,11 +97,13 @@ impl Walk {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::PI;
+
     use super::*;
 
     #[test]
     fn a_step_is_that_of_the_paper() {
-        let model = Model { outlier_rate: 0.3, sigma_rad: 0.4, outliers: Outliers::Anywhere };
+        let model = Model { outlier_rate: 0.3, sigma_rad: 0.4 };
         let start = Horizontal { north: 4.0, east: -3.0 };
         let mut walk = Walk::new(&Rule::Greedy, model, start, Random::new(1, 1));
         let mut random = Random::new(1, 1);
@@ -132,7 +120,7 @@ mod tests {
 
     #[test]
     fn without_noise_and_outliers_every_rule_flies_the_straight_line() {
-        let model = Model { outlier_rate: 0.0, sigma_rad: 0.0, outliers: Outliers::Anywhere };
+        let model = Model { outlier_rate: 0.0, sigma_rad: 0.0 };
         for rule in Rule::all().unwrap() {
             let walk = Walk::new(&rule, model, Horizontal { north: 50.0, east: 50.0 }, Random::new(1, 1));
             let stretch = walk.stretch(1000).unwrap();
@@ -142,8 +130,8 @@ mod tests {
 
     #[test]
     fn who_does_not_arrive_is_said_not_to() {
-        let model = Model { outlier_rate: 1.0, sigma_rad: 0.0, outliers: Outliers::Away };
-        let start = Horizontal { north: 5.0, east: 5.0 };
+        let model = Model { outlier_rate: 1.0, sigma_rad: 0.0 };
+        let start = Horizontal { north: 50.0, east: 50.0 };
         assert_eq!(Walk::new(&Rule::Greedy, model, start, Random::new(1, 1)).stretch(500), None);
     }
 }
