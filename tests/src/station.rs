@@ -52,14 +52,9 @@ pub fn save() -> Vec<u8> {
 
 /// The messages that these bytes complete, each with its sender.
 #[must_use]
-pub fn messages(framer: &mut Framer, mut bytes: &[u8]) -> Vec<(Header, MavMessage)> {
+pub fn messages(framer: &mut Framer, bytes: &[u8]) -> Vec<(Header, MavMessage)> {
     let mut messages = Vec::new();
-    while !bytes.is_empty() {
-        bytes = &bytes[framer.push(bytes)..];
-        while let Some(frame) = framer.next_frame() {
-            messages.extend(frame.message().map(|message| (frame.header, message)));
-        }
-    }
+    framer.each(bytes, |frame| messages.extend(frame.message().map(|message| (frame.header, message))));
     messages
 }
 

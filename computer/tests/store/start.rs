@@ -106,21 +106,15 @@ impl<'a> Computer<'a> {
         self.has_written_in_control |= has_control && has_written;
         let mut said = [0; 4096];
         let count = self.companion.transmit(&mut said);
-        let mut said = &said[..count];
-        while !said.is_empty() {
-            said = &said[self.framer.push(said)..];
-            while let Some(message) = self.framer.next_frame().and_then(|frame| frame.message()) {
-                match message {
-                    MavMessage::STATUSTEXT(text) => self.words.push(words(&text.text)),
-                    MavMessage::COMMAND_ACK(ack) => self.acks.push(ack.result),
-                    MavMessage::HEARTBEAT(heartbeat) => self.status = Some(heartbeat.system_status),
-                    MavMessage::SET_POSITION_TARGET_LOCAL_NED(target) => {
-                        self.has_moved |= [target.vx, target.vy, target.vz, target.yaw_rate] != [0.0; 4];
-                    }
-                    _ => {}
-                }
+        self.framer.each(&said[..count], |frame| match frame.message() {
+            Some(MavMessage::STATUSTEXT(text)) => self.words.push(words(&text.text)),
+            Some(MavMessage::COMMAND_ACK(ack)) => self.acks.push(ack.result),
+            Some(MavMessage::HEARTBEAT(heartbeat)) => self.status = Some(heartbeat.system_status),
+            Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) => {
+                self.has_moved |= [target.vx, target.vy, target.vz, target.yaw_rate] != [0.0; 4];
             }
-        }
+            _ => {}
+        });
     }
 
     fn tell<D: MessageData>(&mut self, message: &D) {

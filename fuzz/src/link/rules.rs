@@ -214,29 +214,25 @@ impl Listener {
             self.signing = key.map(|key| (key.clone(), Signing::new(key, 0)));
         }
         self.ever_signed |= self.signing.is_some();
-        let mut rest = bytes;
-        while !rest.is_empty() {
-            rest = &rest[self.framer.push(rest)..];
-            while let Some(frame) = self.framer.next_frame() {
-                let system_id = frame.header.system_id;
-                self.has_moved |= self.system_id.replace(system_id).is_some_and(|last| last != system_id);
-                if !self.in_flight {
-                    let verdict = self.signing.as_mut().map(|(_, signing)| signing.check(now, frame.bytes));
-                    // Too old is what comes of clocks that run backwards.
-                    assert!(matches!(verdict, None | Some(Verdict::Valid | Verdict::TooOld)), "{verdict:?}");
-                    assert_eq!(frame.signed, verdict.is_some());
-                }
-                match frame.message() {
-                    Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) => {
-                        check_setpoint(polls, (!self.in_flight).then_some(now), &target);
-                        moving += u32::from([target.vx, target.vy, target.vz, target.yaw_rate] != [0.0; 4]);
-                    }
-                    Some(message) => check_message(&message, self.are_angles),
-                    None => unreachable!("we send what we do not know: {}", frame.message_id),
-                }
-                self.in_flight = false;
+        self.framer.each(bytes, |frame| {
+            let system_id = frame.header.system_id;
+            self.has_moved |= self.system_id.replace(system_id).is_some_and(|last| last != system_id);
+            if !self.in_flight {
+                let verdict = self.signing.as_mut().map(|(_, signing)| signing.check(now, frame.bytes));
+                // Too old is what comes of clocks that run backwards.
+                assert!(matches!(verdict, None | Some(Verdict::Valid | Verdict::TooOld)), "{verdict:?}");
+                assert_eq!(frame.signed, verdict.is_some());
             }
-        }
+            match frame.message() {
+                Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) => {
+                    check_setpoint(polls, (!self.in_flight).then_some(now), &target);
+                    moving += u32::from([target.vx, target.vy, target.vz, target.yaw_rate] != [0.0; 4]);
+                }
+                Some(message) => check_message(&message, self.are_angles),
+                None => unreachable!("we send what we do not know: {}", frame.message_id),
+            }
+            self.in_flight = false;
+        });
         // With room to spare the last frame is whole.
         self.in_flight = bytes.len() == room && (!bytes.is_empty() || self.in_flight);
         let counters = self.framer.counters();

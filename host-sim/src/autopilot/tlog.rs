@@ -129,18 +129,15 @@ fn named(mut summary: Summary) -> Summary {
     summary
 }
 
-fn read_versions(mut bytes: &[u8], accept_v1: bool) -> Summary {
+fn read_versions(bytes: &[u8], accept_v1: bool) -> Summary {
     let mut framer = Framer::new();
     framer.accept_v1(accept_v1);
     let mut summary = Summary::default();
-    while !bytes.is_empty() {
-        bytes = &bytes[framer.push(bytes)..];
-        while let Some(frame) = framer.next_frame() {
-            summary.frames += 1;
-            summary.mavlink_1 += u64::from(frame.version == MavlinkVersion::V1);
-            *summary.counts.entry(frame.message_id).or_default() += 1;
-        }
-    }
+    framer.each(bytes, |frame| {
+        summary.frames += 1;
+        summary.mavlink_1 += u64::from(frame.version == MavlinkVersion::V1);
+        *summary.counts.entry(frame.message_id).or_default() += 1;
+    });
     summary.bad_crc = u64::from(framer.counters().bad_crc);
     summary.skipped_bytes = u64::from(framer.counters().skipped_bytes);
     summary

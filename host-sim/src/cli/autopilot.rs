@@ -112,28 +112,23 @@ struct Noticed {
 }
 
 impl Ended {
-    fn watch(&mut self, framer: &mut Framer, mut bytes: &[u8]) -> Noticed {
+    fn watch(&mut self, framer: &mut Framer, bytes: &[u8]) -> Noticed {
         let mut noticed = Noticed::default();
-        while !bytes.is_empty() {
-            bytes = &bytes[framer.push(bytes)..];
-            while let Some(message) = framer.next_frame().map(|frame| frame.message()) {
-                match message {
-                    Some(MavMessage::HEARTBEAT(heartbeat)) => {
-                        self.heartbeats += 1;
-                        noticed.is_heard |= heartbeat.mavtype == MavType::MAV_TYPE_ONBOARD_CONTROLLER as u8;
-                    }
-                    Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) => {
-                        self.setpoints += 1;
-                        self.fastest_setpoint_mps = self.fastest_setpoint_mps.max(libm::hypotf(target.vx, target.vy));
-                        self.last_setpoint_mps = Some([target.vx, target.vy, target.vz]);
-                    }
-                    Some(MavMessage::STATUSTEXT(text)) => {
-                        noticed.asks_again |= asks_for_entry(&text);
-                    }
-                    _ => {}
-                }
+        framer.each(bytes, |frame| match frame.message() {
+            Some(MavMessage::HEARTBEAT(heartbeat)) => {
+                self.heartbeats += 1;
+                noticed.is_heard |= heartbeat.mavtype == MavType::MAV_TYPE_ONBOARD_CONTROLLER as u8;
             }
-        }
+            Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) => {
+                self.setpoints += 1;
+                self.fastest_setpoint_mps = self.fastest_setpoint_mps.max(libm::hypotf(target.vx, target.vy));
+                self.last_setpoint_mps = Some([target.vx, target.vy, target.vz]);
+            }
+            Some(MavMessage::STATUSTEXT(text)) => {
+                noticed.asks_again |= asks_for_entry(&text);
+            }
+            _ => {}
+        });
         noticed
     }
 }

@@ -213,37 +213,32 @@ impl Soak {
         }
     }
 
-    fn read(&mut self, now: Instant, mut bytes: &[u8]) {
-        while !bytes.is_empty() {
-            bytes = &bytes[self.framer.push(bytes)..];
-            while let Some(message) = self.framer.next_frame().map(|frame| frame.message()) {
-                match message {
-                    Some(MavMessage::HEARTBEAT(_)) => {
-                        let due_us = self.report.heartbeats * SECOND_US;
-                        self.report.heartbeat_off_us = self.report.heartbeat_off_us.max(self.time_us.abs_diff(due_us));
-                        self.report.heartbeats += 1;
-                    }
-                    Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) => {
-                        self.report.setpoints += 1;
-                        self.report.setpoints_off_grid += u64::from(now.0 % GRID_US >= self.config.step_us);
-                        let speed_mps = libm::hypotf(target.vx, target.vy);
-                        // The link may have rotated it.
-                        let is_ours = (speed_mps - SPEED_MPS).abs() < 1e-4;
-                        self.report.setpoints_wrong += u64::from(!is_ours && speed_mps != 0.0);
-                        if is_ours {
-                            let number = (target.yaw_rate * NUMBERS as f32) as u64;
-                            let age = (self.time_us / self.config.step_us + NUMBERS - number) % NUMBERS;
-                            let age_us = age * self.config.step_us;
-                            self.report.setpoint_oldest_us = self.report.setpoint_oldest_us.max(age_us);
-                        }
-                        self.latest.push(is_ours);
-                    }
-                    Some(MavMessage::TIMESYNC(answer)) => self.report.clock_answers += u64::from(answer.tc1 != 0),
-                    Some(MavMessage::PARAM_VALUE(_)) => self.report.parameters += 1,
-                    _ => {}
-                }
+    fn read(&mut self, now: Instant, bytes: &[u8]) {
+        self.framer.each(bytes, |frame| match frame.message() {
+            Some(MavMessage::HEARTBEAT(_)) => {
+                let due_us = self.report.heartbeats * SECOND_US;
+                self.report.heartbeat_off_us = self.report.heartbeat_off_us.max(self.time_us.abs_diff(due_us));
+                self.report.heartbeats += 1;
             }
-        }
+            Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) => {
+                self.report.setpoints += 1;
+                self.report.setpoints_off_grid += u64::from(now.0 % GRID_US >= self.config.step_us);
+                let speed_mps = libm::hypotf(target.vx, target.vy);
+                // The link may have rotated it.
+                let is_ours = (speed_mps - SPEED_MPS).abs() < 1e-4;
+                self.report.setpoints_wrong += u64::from(!is_ours && speed_mps != 0.0);
+                if is_ours {
+                    let number = (target.yaw_rate * NUMBERS as f32) as u64;
+                    let age = (self.time_us / self.config.step_us + NUMBERS - number) % NUMBERS;
+                    let age_us = age * self.config.step_us;
+                    self.report.setpoint_oldest_us = self.report.setpoint_oldest_us.max(age_us);
+                }
+                self.latest.push(is_ours);
+            }
+            Some(MavMessage::TIMESYNC(answer)) => self.report.clock_answers += u64::from(answer.tc1 != 0),
+            Some(MavMessage::PARAM_VALUE(_)) => self.report.parameters += 1,
+            _ => {}
+        });
     }
 
     fn be_faulty(&mut self) {

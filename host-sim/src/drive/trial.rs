@@ -331,16 +331,13 @@ impl<C: Computer> Trial<C> {
 }
 
 /// The messages in the bytes that we sent.
-fn read(framer: &mut Framer, mut bytes: &[u8]) -> Vec<(Header, MavMessage)> {
+fn read(framer: &mut Framer, bytes: &[u8]) -> Vec<(Header, MavMessage)> {
     let mut sent = Vec::new();
-    while !bytes.is_empty() {
-        bytes = &bytes[framer.push(bytes)..];
-        while let Some(frame) = framer.next_frame() {
-            if let (header, Some(message)) = (frame.header, frame.message()) {
-                sent.push((header, message));
-            }
+    framer.each(bytes, |frame| {
+        if let (header, Some(message)) = (frame.header, frame.message()) {
+            sent.push((header, message));
         }
-    }
+    });
     sent
 }
 

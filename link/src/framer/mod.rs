@@ -131,14 +131,7 @@ pub struct Counters {
 /// let length = framer::encode(Header::default(), &MavMessage::HEARTBEAT(HEARTBEAT_DATA::default()), &mut sent);
 ///
 /// let mut framer = Framer::new();
-/// let mut rest = &sent[..length];
-/// while !rest.is_empty() {
-///     let taken = framer.push(rest);
-///     rest = &rest[taken..];
-///     while let Some(frame) = framer.next_frame() {
-///         assert!(matches!(frame.message(), Some(MavMessage::HEARTBEAT(_))));
-///     }
-/// }
+/// framer.each(&sent[..length], |frame| assert!(matches!(frame.message(), Some(MavMessage::HEARTBEAT(_)))));
 /// assert_eq!(framer.counters().frames, 1);
 /// ```
 #[derive(Clone, Debug)]
@@ -179,6 +172,16 @@ impl Framer {
         self.v1 = accept;
         // The waiting bytes are tested again.
         self.until = 0;
+    }
+
+    /// Takes bytes, and gives each frame that is whole with them.
+    pub fn each(&mut self, mut bytes: &[u8], mut take: impl FnMut(Frame<'_>)) {
+        while !bytes.is_empty() {
+            bytes = bytes.get(self.push(bytes)..).unwrap_or_default();
+            while let Some(frame) = self.next_frame() {
+                take(frame);
+            }
+        }
     }
 
     /// Takes as many bytes as fit and returns how many: at least one, if frames were fetched with [`Self::next_frame`]

@@ -20,13 +20,7 @@ const SIGNED_HEARTBEAT: &str = "fd0901000001bf000000000000001208000403493e0340e2
 fn read(stream: &[u8]) -> (Vec<u32>, Counters) {
     let mut framer = Framer::new();
     let mut ids = Vec::new();
-    let mut rest = stream;
-    while !rest.is_empty() {
-        rest = &rest[framer.push(rest)..];
-        while let Some(frame) = framer.next_frame() {
-            ids.push(frame.message_id);
-        }
-    }
+    framer.each(stream, |frame| ids.push(frame.message_id));
     (ids, framer.counters())
 }
 

@@ -176,13 +176,7 @@ impl Bench {
 pub(crate) fn read(stream: &[u8], chunk: usize, mut each: impl FnMut(&Frame<'_>)) -> Framer {
     let mut framer = Framer::new();
     for piece in stream.chunks(chunk) {
-        let mut rest = piece;
-        while !rest.is_empty() {
-            rest = &rest[framer.push(rest)..];
-            while let Some(frame) = framer.next_frame() {
-                each(&frame);
-            }
-        }
+        framer.each(piece, |frame| each(&frame));
     }
     framer
 }

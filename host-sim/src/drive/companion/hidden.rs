@@ -136,16 +136,11 @@ impl Flown {
     }
 
     fn note_texts(&mut self, tx: &[u8]) {
-        let mut framer = Framer::new();
-        let mut rest = tx;
-        while !rest.is_empty() {
-            rest = &rest[framer.push(rest)..];
-            while let Some(frame) = framer.next_frame() {
-                if let Some(MavMessage::STATUSTEXT(text)) = frame.message() {
-                    self.texts.extend(text.text.to_str().map(str::to_owned));
-                }
+        Framer::new().each(tx, |frame| {
+            if let Some(MavMessage::STATUSTEXT(text)) = frame.message() {
+                self.texts.extend(text.text.to_str().map(str::to_owned));
             }
-        }
+        });
     }
 
     fn fly(mut self) -> Ended {

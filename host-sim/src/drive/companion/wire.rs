@@ -41,28 +41,25 @@ impl Wire {
     }
 
     /// Takes in what the computer sends.
-    pub(super) fn watch(&mut self, now: Instant, mut bytes: &[u8]) {
-        while !bytes.is_empty() {
-            bytes = &bytes[self.framer.push(bytes)..];
-            while let Some(frame) = self.framer.next_frame() {
-                if let Some(signing) = &mut self.signing {
-                    // The computer goes by the time of others; so does the driver, then.
-                    signing.check(now, frame.bytes);
-                }
-                let (header, message) = (frame.header, frame.message());
-                self.sequence = header.sequence;
-                match message {
-                    Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) => {
-                        self.moves = [target.vx, target.vy, target.vz, target.yaw_rate].iter().any(|v| *v != 0.0);
-                        if self.moves {
-                            self.moved = now;
-                        }
-                    }
-                    Some(MavMessage::STATUSTEXT(text)) => self.told = Some(text.text),
-                    _ => {}
-                }
+    pub(super) fn watch(&mut self, now: Instant, bytes: &[u8]) {
+        self.framer.each(bytes, |frame| {
+            if let Some(signing) = &mut self.signing {
+                // The computer goes by the time of others; so does the driver, then.
+                signing.check(now, frame.bytes);
             }
-        }
+            let (header, message) = (frame.header, frame.message());
+            self.sequence = header.sequence;
+            match message {
+                Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) => {
+                    self.moves = [target.vx, target.vy, target.vz, target.yaw_rate].iter().any(|v| *v != 0.0);
+                    if self.moves {
+                        self.moved = now;
+                    }
+                }
+                Some(MavMessage::STATUSTEXT(text)) => self.told = Some(text.text),
+                _ => {}
+            }
+        });
     }
 
     /// Whether the last setpoint asks for motion.

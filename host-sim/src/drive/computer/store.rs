@@ -94,15 +94,12 @@ mod tests {
         for step in 0..100 {
             *now = now.plus_micros(20_000);
             let rx = if step == 0 { &frame[..length] } else { &[] };
-            let mut tx = &computer.step(*now, FrontEnd::Nothing, None, rx).unwrap().tx[..];
-            while !tx.is_empty() {
-                tx = &tx[framer.push(tx)..];
-                while let Some(message) = framer.next_frame().map(|frame| frame.message()) {
-                    if let Some(MavMessage::COMMAND_ACK(answer)) = message {
-                        result = Some(answer.result);
-                    }
+            let tx = &computer.step(*now, FrontEnd::Nothing, None, rx).unwrap().tx;
+            framer.each(tx, |frame| {
+                if let Some(MavMessage::COMMAND_ACK(answer)) = frame.message() {
+                    result = Some(answer.result);
                 }
-            }
+            });
         }
         result
     }

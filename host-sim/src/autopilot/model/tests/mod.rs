@@ -79,13 +79,8 @@ fn obey(autopilot: &mut Autopilot, target: &SET_POSITION_TARGET_LOCAL_NED_DATA) 
 /// Everything that was said since the last call.
 fn heard(autopilot: &mut Autopilot) -> Vec<(Header, MavMessage)> {
     let bytes = autopilot.transmit();
-    let (mut framer, mut rest, mut messages) = (Framer::new(), &bytes[..], Vec::new());
-    while !rest.is_empty() {
-        rest = &rest[framer.push(rest)..];
-        while let Some(frame) = framer.next_frame() {
-            messages.push((frame.header, frame.message().unwrap()));
-        }
-    }
+    let (mut framer, mut messages) = (Framer::new(), Vec::new());
+    framer.each(&bytes, |frame| messages.push((frame.header, frame.message().unwrap())));
     messages
 }
 
