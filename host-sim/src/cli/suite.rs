@@ -83,7 +83,7 @@ pub(super) struct SuiteCommand {
     #[arg(long, value_name = "P", value_parser = whole::<u32>(0..=u32::MAX.into()))]
     pairs: Option<u32>,
     /// Only the Kth of N parts, which `foxhound merge` puts together; it is written to the folder of --out.
-    #[arg(long, value_name = "K/N", conflicts_with_all = ["dump_scenario", "csv", "parquet"])]
+    #[arg(long, value_name = "K/N", conflicts_with_all = ["csv", "parquet"])]
     shard: Option<Shard>,
     /// Radius of the vehicle, metres; overrules the file.
     #[arg(long, value_name = "M", value_parser = number(DRONE_RADIUS_M))]
@@ -99,9 +99,6 @@ pub(super) struct SuiteCommand {
     snr_db: Option<f64>,
     #[command(flatten)]
     tables: TableArgs,
-    /// Writes the scenario of the one flight that --only names, for `foxhound fly --scenario`.
-    #[arg(long, value_name = "FILE", requires = "only")]
-    dump_scenario: Option<PathBuf>,
 }
 
 /// Tables of the flights.
@@ -145,7 +142,7 @@ impl TableArgs {
 /// The suite as it is in the file, with what the command line overrules.
 fn suite_of(args: &SuiteCommand) -> Result<Suite, InputError> {
     let [csv, parquet] = args.tables.files();
-    check_apart(&[("the suite", Some(&args.file)), csv, parquet, ("--dump-scenario", args.dump_scenario.as_deref())])?;
+    check_apart(&[("the suite", Some(&args.file)), csv, parquet])?;
     let mut suite = Suite::read(&args.file)?;
     if let Some(radius_m) = args.drone_radius {
         check_within("--drone-radius", radius_m, &DRONE_RADIUS_M)?;
@@ -172,13 +169,6 @@ pub(super) fn fly_suite(cli: &Cli, args: &SuiteCommand) -> Result<ExitCode, Inpu
     // Refused once, not by every worker; a shard of a small suite may be empty.
     if let Some(first) = flights.first() {
         HostComputer::new(&first.mission(planner, estimator).guidance())?;
-    }
-    if let Some(path) = &args.dump_scenario {
-        let [first] = flights.as_slice() else {
-            return Err(InputError::new("--dump-scenario: --only must name one flight, as ROW,INSTANCE,PAIR"));
-        };
-        write_text(path, &json_line(&first.scenario)?)?;
-        cli.note(&format!("scenario: {} (fly it with --seed {})", path.display(), first.seed));
     }
 
     args.tables.check()?;
