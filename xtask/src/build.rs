@@ -51,36 +51,19 @@ pub(crate) struct Size {
 impl Image {
     /// Builds one of the firmware's programs.
     pub(crate) fn build(board: &str, program: &str) -> Result<Self, Failure> {
-        Self::build_in(workspace(), board, program, Parts::default())
+        Self::of(board, program, Parts::default())
     }
 
     /// Builds the firmware with these parts.
     pub(crate) fn with(parts: Parts, board: &str) -> Result<Self, Failure> {
-        Self::build_in(workspace(), board, "foxhound-firmware", parts)
+        Self::of(board, "foxhound-firmware", parts)
     }
 
-    /// The same in another clone of the repository.
-    pub(crate) fn build_in(root: &Path, board: &str, program: &str, parts: Parts) -> Result<Self, Failure> {
+    fn of(board: &str, program: &str, parts: Parts) -> Result<Self, Failure> {
         install_target(TARGET)?;
         let mut cargo = cargo();
-        cargo
-            .current_dir(root)
-            .args([
-                "build",
-                "--profile",
-                "firmware",
-                "--package",
-                "foxhound-firmware",
-                "--bin",
-                program,
-                "--target",
-                TARGET,
-            ])
-            .args(parts.features(board))
-            .args(["--config", &path_setting(root, TARGET)?]);
-        if root != workspace() {
-            cargo.env_remove("CARGO_TARGET_DIR");
-        }
+        cargo.args(["build", "--profile", "firmware", "--package", "foxhound-firmware", "--bin", program]);
+        cargo.args(["--target", TARGET]).args(parts.features(board)).args(["--config", &path_setting(TARGET)?]);
         let built = built(&mut cargo, program)?;
         // Cargo puts every board's image in the same place.
         let elf = built.with_file_name(format!("{program}-{}.elf", parts.name(board)));
@@ -130,16 +113,16 @@ pub(crate) fn built(cargo: &mut Command, program: &str) -> Result<PathBuf, Failu
 }
 
 /// [`path_flags`] as a setting of cargo for a target.
-pub(crate) fn path_setting(root: &Path, target: &str) -> Result<String, Failure> {
+pub(crate) fn path_setting(target: &str) -> Result<String, Failure> {
     // An array of strings is written alike in Rust and in TOML.
-    Ok(format!("target.{target}.rustflags = {:?}", path_flags(root)?))
+    Ok(format!("target.{target}.rustflags = {:?}", path_flags()?))
 }
 
 /// Flags by which a program does not depend on where the repository, the crates and the toolchain's sources lie: it names places in
 /// them, in messages and for the debugger. What is relative to `.` is in the repository.
-pub(crate) fn path_flags(root: &Path) -> Result<Vec<String>, Failure> {
+pub(crate) fn path_flags() -> Result<Vec<String>, Failure> {
     // Of several that fit, the last is taken; the homes may lie in the repository.
-    let mut places = vec![(root.to_owned(), ".".to_owned())];
+    let mut places = vec![(workspace().to_owned(), ".".to_owned())];
     if let Some(folder) = std::env::var_os("CARGO_TARGET_DIR") {
         places.push((workspace().join(folder), "./target".to_owned()));
     }
@@ -199,6 +182,15 @@ pub(crate) fn simulator() -> Command {
     let mut cargo = cargo();
     cargo.args(["run", "--release", "--quiet", "--package", "foxhound-sim"]);
     cargo
+}
+
+/// Clones what is committed into a folder below the system's temporary one (`TMPDIR`). A failure leaves it behind.
+pub(crate) fn in_a_clone(purpose: &str, work: impl FnOnce(&Path) -> Result<(), Failure>) -> Result<(), Failure> {
+    let folder = std::env::temp_dir().join(format!("foxhound-{purpose}-{}", std::process::id()));
+    println!("cloning into {}", folder.display());
+    attend(Command::new("git").args(["clone", "--quiet"]).arg(workspace()).arg(&folder))?;
+    work(&folder)?;
+    std::fs::remove_dir_all(&folder).map_err(|error| Failure(format!("{}: {error}", folder.display())))
 }
 
 pub(crate) fn workspace() -> &'static Path {

@@ -13,7 +13,8 @@ use sha2::{Digest as _, Sha256};
 
 use crate::board::{NUCLEO, TWIN};
 use crate::build::{
-    Image, answer, built, cargo, cargo_home, host, install_target, path_flags, path_setting, sysroot, workspace,
+    Image, answer, built, cargo, cargo_home, host, in_a_clone, install_target, path_flags, path_setting, sysroot,
+    workspace,
 };
 use crate::{Failure, attend};
 
@@ -135,7 +136,7 @@ fn program() -> Result<PathBuf, Failure> {
     let mut cargo = cargo();
     cargo.args(["build", "--release", "--package", "foxhound-sim", "--bin", "foxhound", "--target", &host]);
     cargo.args(["--config", "profile.release.debug=false", "--config", "profile.release.strip='symbols'"]);
-    cargo.args(["--config", &path_setting(workspace(), &host)?]);
+    cargo.args(["--config", &path_setting(&host)?]);
     let program = built(&mut cargo, "foxhound")?;
     let bytes = read(&program)?;
     for place in [workspace().to_owned(), cargo_home()] {
@@ -156,7 +157,7 @@ fn wheel(folder: &Path) -> Result<(), Failure> {
     }
     let mut pip = Command::new("python3");
     pip.args(["-m", "pip", "wheel", "--no-deps", "--wheel-dir"]).arg(folder).arg(package);
-    pip.env("CARGO_ENCODED_RUSTFLAGS", path_flags(workspace())?.join("\u{1f}"));
+    pip.env("CARGO_ENCODED_RUSTFLAGS", path_flags()?.join("\u{1f}"));
     // The times of the files in the wheel.
     attend(pip.env("SOURCE_DATE_EPOCH", git(&["log", "-1", "--format=%ct"])?))
 }
@@ -187,7 +188,7 @@ fn sums(folder: &Path) -> Result<String, Failure> {
 
 /// Makes the release in a clone, and compares.
 fn again(sums: &str) -> Result<(), Failure> {
-    in_a_clone(|clone| {
+    in_a_clone("dist", |clone| {
         let mut dist = cargo();
         dist.current_dir(clone).env_remove("CARGO_TARGET_DIR").args([
             "run",
@@ -206,14 +207,6 @@ fn again(sums: &str) -> Result<(), Failure> {
         println!("made twice, in two folders: the same bytes");
         Ok(())
     })
-}
-
-/// Clones what is committed into a folder below the system's temporary one. A failure leaves it behind.
-fn in_a_clone(work: impl FnOnce(&Path) -> Result<(), Failure>) -> Result<(), Failure> {
-    let folder = std::env::temp_dir().join(format!("foxhound-dist-{}", std::process::id()));
-    attend(Command::new("git").args(["clone", "--quiet"]).arg(workspace()).arg(&folder))?;
-    work(&folder)?;
-    fs::remove_dir_all(&folder).map_err(|error| failed(&folder, &error))
 }
 
 /// What differs from the commit, as `git status` prints it.

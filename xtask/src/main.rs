@@ -1,4 +1,4 @@
-//! Developer commands: `cargo xtask <test | fresh | firmware | dist | api | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | g474 | soak | gusts | campaign | compare | landings | sitl>`.
+//! Developer commands: `cargo xtask <test | fresh | firmware | dist | api | size | panics | stack | flash | qemu <boot | bench | faults> | bench | parity | g474 | soak | gusts | campaign | compare | landings | sitl>`.
 //!
 //! Of the firmware the host builds what needs no hardware; these commands build it
 //! for its own target.
@@ -174,12 +174,6 @@ enum Twin {
         #[arg(long, default_value = "tcp:127.0.0.1:5760,server=on,wait=off")]
         serial: String,
     },
-    /// Fly the built-in mission with many seeds, on the host and in it: reached, and the same trace on both
-    Fly {
-        /// How many seeds, from 0 on
-        #[arg(long, default_value_t = 20)]
-        seeds: u32,
-    },
     /// Count the instructions of each stage, and the worst of whole missions: docs/results/bench.md
     Bench,
     /// Fly many missions with random faults: docs/results/faults.md
@@ -247,7 +241,6 @@ fn run(task: &Task) -> Result<(), Failure> {
             qemu.args(["-serial", serial]);
             attend(&mut qemu)
         }
-        Task::Qemu(Twin::Fly { seeds }) => twin::fly(*seeds),
         Task::Qemu(Twin::Bench) => twin::bench(),
         Task::Qemu(Twin::Faults { missions, faults, record, seed }) => twin::faults(*missions, *faults, record, *seed),
         Task::Bench => bench::run(),

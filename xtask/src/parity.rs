@@ -50,7 +50,7 @@ pub(crate) fn scenarios(folders: &[&str]) -> Result<Vec<PathBuf>, Failure> {
 }
 
 /// What a flight prints on the host, and in QEMU.
-pub(crate) fn fly(image: &Image, scenario: Option<&PathBuf>, planner: &str, seed: u32) -> Result<[Value; 2], Failure> {
+fn fly(image: &Image, scenario: Option<&PathBuf>, planner: &str, seed: u32) -> Result<[Value; 2], Failure> {
     let one = |via: &str| {
         let mut fly = simulator();
         fly.args(["--bin", "foxhound", "--", "fly", "--json", "--via", via, "--planner", planner]);
@@ -65,6 +65,6 @@ pub(crate) fn fly(image: &Image, scenario: Option<&PathBuf>, planner: &str, seed
 }
 
 /// A value without quotation marks.
-pub(crate) fn word(value: &Value) -> String {
+fn word(value: &Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }

@@ -1,27 +1,11 @@
-//! What the firmware's twin flies: `cargo xtask qemu <fly | bench | faults>`.
+//! What the firmware's twin flies: `cargo xtask qemu <bench | faults>`.
 
 use std::path::Path;
 
 use crate::board;
 use crate::build::{Image, simulator};
-use crate::parity::{self, word};
+use crate::parity;
 use crate::{Failure, attend, bench};
-
-/// The built-in mission with many seeds, on the host and in QEMU.
-pub(crate) fn fly(seeds: u32) -> Result<(), Failure> {
-    let image = image()?;
-    println!("| seed | result | s | trace on the host | in QEMU |\n|---|---|---|---|---|");
-    let mut bad = 0;
-    for seed in 0..seeds {
-        let [host, twin] = parity::fly(&image, None, "foxhound", seed)?;
-        let [result, time_s, ours, theirs] =
-            [&twin["result"], &twin["time_s"], &host["trace_hash"], &twin["trace_hash"]].map(word);
-        println!("| {seed} | {result} | {time_s} | {ours} | {theirs} |");
-        bad += u32::from(result != "reached" || ours != theirs);
-    }
-    println!("\n{} of {seeds} missions reached the beacon with the same trace on both.", seeds - bad);
-    if bad == 0 { Ok(()) } else { Err(Failure(format!("{bad} missions did not, or differ"))) }
-}
 
 /// The stages, then whole missions.
 pub(crate) fn bench() -> Result<(), Failure> {
