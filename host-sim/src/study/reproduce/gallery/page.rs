@@ -68,8 +68,8 @@ fn section(html: &mut String, shown: &Shown, experiment: Experiment) {
     );
     let _ = writeln!(html, "<p>{}</p>", text(experiment.note));
     comparison(html, &shown.made.beside.iter().collect::<Vec<_>>(), false);
-    for picture in shown.made.files.iter().filter(|part| part.name.ends_with(".svg")) {
-        let (file, title) = (format!("{name}/{}", picture.name), picture.name.trim_end_matches(".svg"));
+    for picture in shown.made.files.iter().filter(|name| name.ends_with(".svg")) {
+        let (file, title) = (format!("{name}/{picture}"), picture.trim_end_matches(".svg"));
         let _ = writeln!(
             html,
             "<figure><a href=\"{0}\"><img loading=\"lazy\" src=\"{0}\" alt=\"Figure {1}\"></a><figcaption>{1}</figcaption></figure>",
