@@ -5,16 +5,12 @@
 
 use std::process::ExitCode;
 
-use foxhound_sim::drive::soak::{Config, fly_laps, keep_link};
+use foxhound_sim::drive::soak::{Config, course, fly_laps, keep_link};
 use foxhound_sim::drive::trial::Clocks;
-use foxhound_sim::scenario::{Obstacle, Scenario, Sensor, SensorModel, Software};
+use foxhound_sim::scenario::Software;
 use serde_json::Value;
 
 const BOTH: [Software; 2] = [Software::ArduCopter, Software::Px4];
-/// East, north, radius.
-const PILLARS: [[f64; 3]; 6] =
-    [[0.3, 6.0, 0.4], [-0.8, 10.0, 0.3], [0.9, 13.0, 0.5], [-0.2, 17.0, 0.3], [0.4, 21.0, 0.4], [-1.2, 24.0, 0.4]];
-
 const MUST_NOT: [&str; 6] =
     ["collided", "missed", "not_recovered", "setpoints_off_grid", "setpoints_wrong", "telemetry_off"];
 
@@ -33,15 +29,8 @@ fn run(hours: f64) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let config = |software, step_us| Config { software, hours, step_us, clocks: Clocks::default(), seed: 1 };
     let link = both(move |software| Ok(serde_json::to_value(keep_link(&config(software, 10_000), |_| ())?)?))?;
     table("The link by itself, every 10 ms", &link);
-    let scenario = Scenario {
-        start: [0.0, 0.0],
-        goal: [0.0, 28.0],
-        obstacles: PILLARS.map(|[x, y, r]| Obstacle { x, y, r, ..Obstacle::default() }).to_vec(),
-        sensor: Sensor { model: SensorModel::Scan, range_m: 4.0, ..Sensor::default() },
-        ..Scenario::default()
-    };
     let laps =
-        both(move |software| Ok(serde_json::to_value(fly_laps(&scenario, &config(software, 20_000), |_| ())?)?))?;
+        both(move |software| Ok(serde_json::to_value(fly_laps(&course(), &config(software, 20_000), |_| ())?)?))?;
     table("The whole computer, every 20 ms", &laps);
     let wrong: Vec<String> = [link, laps].iter().flatten().flat_map(wrong).collect();
     if wrong.is_empty() { Ok(()) } else { Err(wrong.join(", ").into()) }

@@ -84,7 +84,7 @@ fn paths_on_which_bearings_tell_more_halve_the_covariance_and_touch_nothing() {
 fn a_tenth_more_of_a_way_tells_the_range_that_the_straight_one_does_not() {
     let leg = report("leg");
     assert_eq!(number(&leg, "/runs"), 500.0);
-    assert!(number(&leg, "/planned/range_rmse_m") <= 1.5 && number(&leg, "/planned/extra_length") <= 0.1, "{leg}");
+    assert!(number(&leg, "/planned/range_rmse_m") <= 1.5 && number(&leg, "/planned/extra_length_max") <= 0.1, "{leg}");
     assert!(number(&leg, "/straight/range_rmse_m") > 3.0 * number(&leg, "/planned/range_rmse_m"), "{leg}");
     for way in ["straight", "planned"] {
         let [nis, low, high] =

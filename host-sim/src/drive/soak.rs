@@ -28,7 +28,7 @@ use serde::Serialize;
 use super::computer::BLOCK;
 use super::trial::{Clocks, Trial};
 use crate::autopilot::{Autopilot, Start, TIMEOUTS_S, Wire};
-use crate::scenario::{self, Scenario, Software, VehicleModel};
+use crate::scenario::{self, Obstacle, Scenario, Sensor, SensorModel, Software, VehicleModel};
 use crate::world::Pose;
 use crate::world::random::Random;
 use crate::world::vehicle::{Motion, Vehicle};
@@ -370,6 +370,20 @@ impl Soak {
             dropped: errands_dropped.saturating_add(telemetry_dropped),
             ..self.report
         }
+    }
+}
+
+/// A course between six pillars, as a scan sees them.
+#[must_use]
+pub fn course() -> Scenario {
+    let pillars =
+        [[0.3, 6.0, 0.4], [-0.8, 10.0, 0.3], [0.9, 13.0, 0.5], [-0.2, 17.0, 0.3], [0.4, 21.0, 0.4], [-1.2, 24.0, 0.4]];
+    Scenario {
+        start: [0.0, 0.0],
+        goal: [0.0, 28.0],
+        obstacles: pillars.map(|[x, y, r]| Obstacle { x, y, r, ..Obstacle::default() }).to_vec(),
+        sensor: Sensor { model: SensorModel::Scan, range_m: 4.0, ..Sensor::default() },
+        ..Scenario::default()
     }
 }
 

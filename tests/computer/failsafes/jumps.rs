@@ -1,10 +1,11 @@
 //! Jumps of the autopilot's estimate: the vehicle's true path is that of the same flight without them.
 
 use foxhound_sim::autopilot::Start;
+use foxhound_sim::drive::soak::course;
 use foxhound_sim::drive::trial::{Clocks, Step, Trial};
 use foxhound_sim::scenario::Software;
 
-use super::stand::{BOTH, Stand, Stream, scenario};
+use super::stand::{BOTH, Stand, Stream};
 
 const SEEDS: u64 = 4;
 const TURN_RAD: f64 = 30.0 * std::f64::consts::PI / 180.0;
@@ -42,7 +43,7 @@ const ALL: Field = Field { pillars_from_m: 0.0, pillars_to_m: 100.0, turned_rad:
 
 /// The true way to the beacon with jumps.
 fn fly(software: Software, seed: u64, field: Field, jumps: &[Jump], why: &str) -> f64 {
-    let mut scenario = scenario();
+    let mut scenario = course();
     scenario.obstacles.retain(|pillar| (field.pillars_from_m..field.pillars_to_m).contains(&pillar.y));
     let trial = Trial::new(&scenario, software, Start::Hovering, Clocks::default(), seed).unwrap();
     let mut stand = Stand::of(trial);

@@ -1,11 +1,11 @@
 //! A day of link time, and half an hour of the whole computer, with faults all the time.
 
 use foxhound_sim::autopilot::Start;
-use foxhound_sim::drive::soak::{Config, Laps, Report, fly_laps, keep_link};
+use foxhound_sim::drive::soak::{Config, Laps, Report, course, fly_laps, keep_link};
 use foxhound_sim::drive::trial::{Clocks, Step};
 use foxhound_sim::scenario::Software;
 
-use super::stand::{BOTH, Stand, Stream, scenario};
+use super::stand::{BOTH, Stand, Stream};
 
 const HOUR_US: u64 = 3_600_000_000;
 /// Milliseconds of a u32 are over after 49.7 days.
@@ -74,7 +74,7 @@ fn the_whole_computer_flies_to_and_fro_for_half_an_hour_and_touches_nothing() {
         for software in BOTH {
             scope.spawn(move || {
                 let config = Config { software, hours: 0.5, step_us: 20_000, clocks: Clocks::default(), seed: 1 };
-                let laps: Laps = fly_laps(&scenario(), &config, |_| ()).unwrap();
+                let laps: Laps = fly_laps(&course(), &config, |_| ()).unwrap();
                 assert!(!laps.collided && laps.min_clearance_m > 0.0, "{laps:?}");
                 assert!(laps.laps > 20 && laps.missed * 10 <= laps.laps, "{laps:?}");
                 assert_eq!(laps.setpoints_off_grid, 0, "{laps:?}");

@@ -2,8 +2,9 @@
 
 use foxhound_link::dialect::{MavMessage, SET_POSITION_TARGET_LOCAL_NED_DATA};
 use foxhound_sim::autopilot::Start;
+use foxhound_sim::drive::soak::course;
 use foxhound_sim::drive::trial::{Clocks, Step, Trial};
-use foxhound_sim::scenario::{self, Obstacle, Scenario, SensorModel, Software};
+use foxhound_sim::scenario::Software;
 
 pub(crate) use foxhound_sim::drive::soak::manual_mode as manual;
 
@@ -27,20 +28,6 @@ pub(crate) enum Stream {
     Moving,
 }
 
-/// East, north, radius.
-pub(crate) const PILLARS: [[f64; 3]; 6] =
-    [[0.3, 6.0, 0.4], [-0.8, 10.0, 0.3], [0.9, 13.0, 0.5], [-0.2, 17.0, 0.3], [0.4, 21.0, 0.4], [-1.2, 24.0, 0.4]];
-
-pub(crate) fn scenario() -> Scenario {
-    Scenario {
-        start: [0.0, 0.0],
-        goal: [0.0, 28.0],
-        obstacles: PILLARS.map(|[x, y, r]| Obstacle { x, y, r, ..Obstacle::default() }).to_vec(),
-        sensor: scenario::Sensor { model: SensorModel::Scan, range_m: 4.0, ..scenario::Sensor::default() },
-        ..Scenario::default()
-    }
-}
-
 /// No motion: less than a millimetre a second, with which the guard may still be leaving an obstacle's margin.
 pub(crate) fn is_zero(setpoint: &SET_POSITION_TARGET_LOCAL_NED_DATA) -> bool {
     [setpoint.vx, setpoint.vy, setpoint.vz, setpoint.yaw_rate].iter().all(|rate| rate.abs() < 1e-3)
@@ -59,7 +46,7 @@ impl Stand {
     }
 
     pub(crate) fn with(software: Software, start: Start, clocks: Clocks, seed: u64) -> Self {
-        Self::of(Trial::new(&scenario(), software, start, clocks, seed).unwrap())
+        Self::of(Trial::new(&course(), software, start, clocks, seed).unwrap())
     }
 
     pub(crate) fn of(trial: Trial) -> Self {

@@ -232,17 +232,3 @@ impl Report {
         out
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_planned_way_tells_the_range_for_a_tenth_of_length() {
-        let report = run(1, 200);
-        std::println!("{}", report.table());
-        assert!(report.planned.range_rmse_m <= 1.5, "{}", report.table());
-        assert!(report.planned.extra_length_max <= 0.1, "{}", report.table());
-        assert!(report.straight.range_rmse_m > 2.0 * report.planned.range_rmse_m, "{}", report.table());
-    }
-}
