@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use foxhound_core::doa::bearing::Estimator;
+use foxhound_core::guidance;
 use foxhound_core::planning::planner;
 use foxhound_sim::drive::computer::HostComputer;
 use foxhound_sim::drive::flight::{self, Ending, Mission};
@@ -22,6 +23,11 @@ fn row(from: [f64; 2], to: [f64; 2]) -> Vec<Value> {
 
 /// Flies a world on held-out seeds; all must reach the beacon, without a collision.
 fn fly(world: &Value, obstacles: Vec<Value>) {
+    fly_with(world, obstacles, |_| ());
+}
+
+/// The same, with a configuration that is changed before.
+fn fly_with(world: &Value, obstacles: Vec<Value>, tune: impl Fn(&mut guidance::Config) + Sync) {
     let mut all = json!({"start": [0, 0], "goal": [8, 0], "bounds": [-12, -8, 12, 8], "max_time_s": 120,
         "sensor": {"model": "scan"}, "bearing": {"snr_db": 20}, "vehicle": {"model": "arducopter"}});
     all["obstacles"] = Value::Array(obstacles);
@@ -31,7 +37,9 @@ fn fly(world: &Value, obstacles: Vec<Value>) {
     let reports = in_parallel(&seeds, |seed| {
         let (planner, estimator) = (planner::Config::default(), Estimator::CrossSpectrum);
         let mission = Mission { scenario: scenario.clone(), seed: *seed, planner, estimator };
-        let mut computer = HostComputer::new(&mission.guidance()).unwrap();
+        let mut config = mission.guidance();
+        tune(&mut config);
+        let mut computer = HostComputer::new(&config).unwrap();
         flight::fly(&mission, &mut computer, None, |_| ()).unwrap().report
     });
     for (seed, report) in seeds.iter().zip(reports) {
@@ -74,5 +82,24 @@ fn a_curved_wall_is_not_a_pillar_with_the_beacon_inside() {
             json!({"x": radius_m * cos, "y": radius_m * sin, "r": 0.1})
         };
         fly(&json!({"start": [-6, 0], "goal": [0, 0]}), (0..=30).map(place).collect());
+    }
+}
+
+/// A vehicle that may brake with 0.2 m/s^2 only slows down before it turns: it keeps off the large pillars that it turns between.
+#[test]
+fn a_vehicle_that_brakes_gently_slows_before_it_turns() {
+    let pillar = |[x, y, r]: [f64; 3]| json!({"x": x, "y": y, "r": r});
+    let first = [[5.03, 0.287, 2.057], [0.409, -3.721, 1.157], [1.141, 3.332, 1.86], [7.614, -3.882, 1.592]];
+    let first = [&first[..], &[[9.98, 3.721, 2.377], [3.569, -3.507, 1.405], [1.087, -0.925, 1.054]]].concat();
+    let second = [[1.059, 2.054, 1.533], [7.243, -2.185, 1.61], [4.689, 0.923, 1.523], [2.686, -3.224, 1.933]];
+    let second = [&second[..], &[[7.351, 3.941, 1.375], [10.725, -0.394, 1.638], [-0.857, -1.581, 1.209]]].concat();
+    let sensor = json!({"model": "circles", "fov_deg": 360, "range_m": 20});
+    for (pillars, goal, v_max, a_max, autopilot) in
+        [(first, [10.0, -2.423], 1.5, 0.2, "arducopter"), (second, [10.0, 3.174], 1.0, 0.1, "px4")]
+    {
+        let world = json!({"goal": goal, "limits": {"v_max": v_max}, "sensor": sensor,
+            "bearing": {"sigma_deg": 1.86}, "vehicle": {"model": "arducopter", "autopilot": autopilot}});
+        let pillars = pillars.into_iter().map(pillar).collect();
+        fly_with(&world, pillars, |config| config.guard.a_max_mps2 = a_max);
     }
 }

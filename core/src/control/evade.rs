@@ -180,7 +180,7 @@ impl Evader {
                 continue;
             }
             let speed_mps = other.velocity_ned_mps.norm();
-            let turns = between(1.0 - speed_mps / TURNS_MPS, 0.0, 1.0);
+            let turns = if speed_mps < TURNS_MPS { 1.0 - speed_mps / TURNS_MPS } else { 0.0 };
             let rate_mps = MARGIN_RATE_MPS + TURNS_RATE_MPS * turns;
             let wanted_m = other.reach_m + MARGIN_M + TURNS_M * turns + EARLY_S * speed_mps + rate_mps * dead_s;
             // One that is too near already must not come nearer.

@@ -82,7 +82,7 @@ impl Table {
         let mut table = Self { wavelength_m, ..Self::EMPTY };
         let field = "calibration.frequency_hz";
         if entries.is_empty() || entries.len() > TABLE_ENTRIES {
-            let why = Why::Inconsistent("a table has one to four frequencies; this is their number");
+            let why = Why::Inconsistent("a table has one to four frequencies");
             return Err(ConfigError { field, value: entries.len() as f32, why });
         }
         for entry in entries {
@@ -235,7 +235,7 @@ impl Config {
         }
         let [xx, xy, yy] = steering.iter().fold([0.0; 3], |[xx, xy, yy], [x, y]| [xx + x * x, xy + x * y, yy + y * y]);
         if xx * yy - xy * xy < 1e-3 * (xx + yy) * (xx + yy) {
-            let why = Why::Inconsistent("the antennas are on one line and cover only half of the circle");
+            let why = Why::Inconsistent("antennas on one line cover only half of the circle");
             return Err(ConfigError { field: "antennas_m", value: side_m, why });
         }
 

@@ -14,9 +14,10 @@
 //!    grows by the gust margin; if there is no space for that, all margins shrink equally, which leads to the middle.
 //! 3. The change from the last command is limited: by the acceleration limit always, by the jerk limit when the speed
 //!    grows. Braking and evading are never limited by jerk, so that they are not late. The jerk limit bounds how fast
-//!    an acceleration builds up or reverses; it may end at once.
+//!    an acceleration builds up or reverses; it may end at once. What the half-spaces need comes first, so that the
+//!    vehicle slows before it turns.
 //! 4. An exact check: the segments from the vehicle to its rest point and on to where this command would lead must
-//!    not touch a circle or leave the fence; otherwise the command is reduced, if necessary to a brake.
+//!    not touch a circle or leave the fence less its margin; otherwise the command is reduced, if necessary to a brake.
 //! 5. The vehicle's hull, at the place where the command leads, must not touch a place that the sensor has not seen
 //!    ([`crate::mapping::coverage`]). Otherwise the command is reduced or held, and the output says where to turn the
 //!    sensor first. Behind an obstacle of the latest scan, where turning does not help, the vehicle goes slowly. Two
@@ -46,7 +47,7 @@ use ahead::PathCover;
 pub use bounds::CLOSE_MAX;
 use bounds::Near;
 pub use config::Config;
-use half_space::{HalfSpace, HalfSpaces, evened_out, nearest_allowed};
+use half_space::{HalfSpaces, evened_out, nearest_allowed};
 
 /// The fast loop uses this many of the nearest obstacles; the planner gets all.
 pub const OBSTACLES_MAX: usize = 64;
@@ -328,12 +329,13 @@ impl Guard {
             return None;
         };
         let safe = safe.clamped(v_max_mps);
+        let kept = nearest_allowed(state.command_ned_mps, &half_spaces).unwrap_or(safe);
 
         // Without any scan so far there is no such sensor; whether one is required is decided by the mission.
         let has_sensor = state.coverage.has_scanned() && !input.may_be_unseen;
         let mut unseen = None;
         for (trial, share) in [1.0, 0.5, 0.25].into_iter().enumerate() {
-            let tried = self.approach(state, safe.times(share), &half_spaces, is_urgent, dt_s);
+            let tried = self.approach(state, kept, safe.times(share), is_urgent, dt_s);
             let is_clear = self.is_clear(tried, input, near) && self.stays_inside(tried, input);
             if !is_clear {
                 continue;
@@ -368,7 +370,7 @@ impl Guard {
             let still = Horizontal::default();
             let retreat = nearest_allowed(still, &half_spaces).or_else(|| evened_out(still, &mut half_spaces));
             let retreat = retreat.unwrap_or_default().clamped(v_max_mps);
-            let tried = self.approach(state, retreat, &half_spaces, is_urgent, dt_s);
+            let tried = self.approach(state, kept, retreat, is_urgent, dt_s);
             let covered = if has_sensor && !is_threatened && !input.has_gusts {
                 self.path_coverage(&state.coverage, tried, input, near)
             } else {
@@ -384,16 +386,9 @@ impl Guard {
         unseen.map(|bearing_rad| (brake, Action::Looking, Some(bearing_rad)))
     }
 
-    /// The next command, from the last towards `to`, inside the limits of acceleration and jerk. Where these do not suffice, the change
-    /// that the half-spaces need comes first, and what is left goes towards `to`.
-    fn approach(
-        &self,
-        state: &State,
-        to: Horizontal,
-        half_spaces: &[HalfSpace],
-        is_urgent: bool,
-        dt_s: f32,
-    ) -> Horizontal {
+    /// The next command, from the last towards `to`, inside the limits of acceleration and jerk. If the nearest one that is allowed,
+    /// `kept`, is slower than the last, the change to it comes first, and what is left goes towards `to`.
+    fn approach(&self, state: &State, kept: Horizontal, to: Horizontal, is_urgent: bool, dt_s: f32) -> Horizontal {
         let c = &self.config;
         let (from, a_max) = (state.command_ned_mps, c.a_max_mps2 * dt_s);
         let change = to.minus(from);
@@ -404,8 +399,7 @@ impl Guard {
             let by_jerk = built_up + c.jerk_max_mps3 * dt_s * dt_s;
             if by_jerk < a_max { by_jerk } else { a_max }
         };
-        // Nothing, if the last command still is allowed; then so is the way to another that is.
-        let kept = nearest_allowed(from, half_spaces).unwrap_or(from);
+        let kept = if kept.norm_squared() < from.norm_squared() { kept } else { from };
         let needed = kept.minus(from);
         let left = most - needed.norm();
         if left > 0.0 { kept.plus(to.minus(kept).clamped(left)) } else { from.plus(needed.clamped(a_max)) }

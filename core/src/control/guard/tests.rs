@@ -562,6 +562,33 @@ fn the_fence_is_never_left_and_from_outside_it_comes_back() {
 }
 
 #[test]
+fn a_gentle_vehicle_slows_before_it_turns_and_keeps_its_distance_from_walls_and_fence() {
+    let fence = Fence { radius_m: 10.0, ..Fence::DEFAULT };
+    for a_max_mps2 in [0.1, 0.2, 0.5, 1.0] {
+        let guard = guard_of(&Config { fence, a_max_mps2, ..Config::default() });
+        for seed in 0..20 {
+            let mut rng = Rng::new(seed, 7);
+            let (mut vehicle, mut state) = (Vehicle::new(Horizontal::default(), 4, 0.3), State::default());
+            let wall = wall(9.0, 4.0);
+            let mut wish = demand(0.0, 0.0);
+            for step in 0..3000 {
+                if step % 80 == 0 {
+                    wish = demand(rng.gaussian() + 0.5, 2.0 * rng.gaussian());
+                }
+                let ruling = guard.step(&mut state, &wish, &input(&vehicle), &[wall], DT);
+                vehicle.follow(&ruling.setpoint);
+                let at = vehicle.position;
+                let (clearance_m, inside_m) = (wall.clearance_m(at), 9.5 - at.norm());
+                assert!(
+                    clearance_m > 0.02 && inside_m > -0.02,
+                    "{a_max_mps2}, {seed}: {clearance_m} {inside_m} {at:?}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
 fn the_altitude_stays_in_its_band() {
     for (held_m, lowest_m, highest_m, a_max_mps2) in [(-5.0, -3.0, -7.0, 2.0), (-5.0, -3.0, -7.0, 0.1)] {
         let guard = guard_of(&Config { a_max_mps2, ..Config::default() });
