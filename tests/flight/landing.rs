@@ -123,6 +123,18 @@ fn frames_that_are_no_frames_end_in_a_hover_that_says_why() {
     }
 }
 
+/// A pad that fills the picture from higher up than the last part mostly begins is landed on: a large one, and one before a narrow camera.
+#[test]
+fn a_pad_that_fills_the_picture_early_is_landed_on() {
+    for (pad_radius_m, fov_deg, height_m) in [(0.5, 60, 3), (1.1, 60, 5), (0.25, 30, 3)] {
+        let camera = format!(r#"{{"rate_hz": 4, "fov_deg": {fov_deg}}}"#);
+        let mission = near(&format!(r#"{{"height":{height_m},"pad_radius":{pad_radius_m},"camera":{camera}}}"#));
+        let record = fly(&mission, &mut HostComputer::new(&mission.guidance()).unwrap());
+        let landing = record.report.landing.unwrap();
+        assert_eq!(landing.stage, Stage::Landed, "{pad_radius_m} {fov_deg}: {landing:?}");
+    }
+}
+
 /// A camera that is blind for a second during the landing does not prevent it.
 #[test]
 fn a_camera_that_comes_back_in_time_is_used() {

@@ -83,8 +83,8 @@ pub(super) const CLIMB_MPS: f32 = 0.3;
 const CONE_M: f32 = 0.10;
 /// Below this height at least the vehicle descends without seeing the pad, once it is inside [`Config::commit_gate_m`].
 pub(super) const COMMIT_M: f32 = 0.4;
-/// And at most: from here the slowest descent takes no longer than [`COMMIT_S`].
-pub(super) const COMMIT_MAX_M: f32 = 2.0;
+/// And at most, so that the slowest descent takes no longer than [`COMMIT_S`]: what the largest pad needs before the widest camera.
+pub(super) const COMMIT_MAX_M: f32 = 1.777_8;
 /// Commanded rate of descent in the drop at the end: the vehicle touches down before it reaches it.
 pub(super) const COMMIT_MPS: f32 = 0.5;
 /// How long the last part may wait before the drop, and how long the drop may take.

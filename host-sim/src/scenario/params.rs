@@ -18,7 +18,7 @@ const TURN_MAX_S: f64 = 0.1;
 const SAMPLES: usize = 256;
 
 /// Fields of a configuration that are refused because of others, the parameters that hold them, and those that they must fit.
-const TOGETHER: [(&str, &str, &[&str]); 18] = [
+const TOGETHER: [(&str, &str, &[&str]); 19] = [
     ("vehicle.radius_m + planner.margin_m", "FH_RADIUS + FH_MARGIN", &["FH_RADIUS", "FH_MARGIN"]),
     ("link.heartbeat_timeout_s", "FH_HB_TMO", &["FH_SILENT"]),
     ("link.silence_after_s", "FH_SILENT", &["FH_HB_TMO"]),
@@ -51,6 +51,7 @@ const TOGETHER: [(&str, &str, &[&str]); 18] = [
     ),
     ("sensor.lag_s", "FH_OBS_LAG", &["FH_OBS_TURN", "FH_OBS_AGE"]),
     ("sensor.range_m", "FH_OBS_RANGE", &["FH_RADIUS"]),
+    ("landing.pad_radius_m", "FH_PAD_R", &["FH_CAM_FOCAL"]),
 ];
 
 /// The given parameters, and the full set with them.

@@ -115,7 +115,9 @@ fn company(id: Id, value: f32) -> Vec<(Id, f32)> {
         "FH_TURN_CH" => &[("FH_TURN", 2.0)],
         "FH_LDR_YAW" => &[("FH_OBS_SRC", 1.0)],
         "FH_BRG_TAG" | "FH_BRG_YAW" | "FH_BRG_SIGMA" => &[("FH_BRG_SRC", 1.0)],
-        "FH_LND_REQ" | "FH_PAD_R" | "FH_CAM_FOCAL" => &[("FH_LND_MODE", 2.0)],
+        "FH_LND_REQ" => &[("FH_LND_MODE", 2.0)],
+        "FH_PAD_R" => &[("FH_LND_MODE", 2.0), ("FH_CAM_FOCAL", 0.2)],
+        "FH_CAM_FOCAL" => &[("FH_LND_MODE", 2.0), ("FH_PAD_R", 0.1)],
         _ => &[],
     };
     others.iter().map(|(other, value)| (named(other), *value)).collect()

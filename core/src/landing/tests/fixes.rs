@@ -104,6 +104,7 @@ fn a_refused_value_names_its_field() {
     let (s, c) = (search::Config::default(), centring::Config::default());
     for (config, field) in [
         (Config { pad_radius_m: 0.0, ..Config::default() }, "landing.pad_radius_m"),
+        (Config { pad_radius_m: 1.3, ..Config::default() }, "landing.pad_radius_m"),
         (Config { focal_widths: f32::NAN, ..Config::default() }, "landing.focal_widths"),
         (Config { total_s: 0.0, ..Config::default() }, "landing.total_s"),
         (Config { arrival: arrival::Config { arrive_m: -1.0 }, ..Config::default() }, "landing.arrival.arrive_m"),
