@@ -429,6 +429,7 @@ fn each_of_a_thicket_belongs_to_its_own_track() {
             moved_s: 0.0,
             first_ned_m: center_ned_m,
             scans: 1,
+            slow_scans: 0,
             moves: false,
         };
         track.predict(0.1);
@@ -438,4 +439,22 @@ fn each_of_a_thicket_belongs_to_its_own_track() {
     }
     associate(&tracks, &mut clusters);
     assert!(clusters.iter().enumerate().all(|(post, seen)| seen.track == Some(post as u8)), "{clusters:?}");
+}
+
+#[test]
+fn who_turns_round_moves_throughout_and_who_stops_comes_to_stand() {
+    for (speed_mps, rays) in [(0.6, 360), (1.0, 360), (1.0, 72)] {
+        let mut watch = Watch::with_rays(360.0, rays);
+        let person = |look: usize| {
+            // To and fro for 3 s each, and at rest from the end of the second turn on.
+            let at_s = f32::min(0.1 * look as f32, 12.0) % 6.0;
+            horizontal(2.5, speed_mps * (f32::min(at_s, 6.0 - at_s) - 1.5))
+        };
+        for look in 0..150 {
+            watch.look(&Pose::default(), &[(person(look), RADIUS_M)]);
+            let moving = watch.moving().len();
+            assert!(!(25..120).contains(&look) || moving == 1, "{speed_mps}, {look}: {:?}", watch.tracks.all());
+            assert!(look < 145 || moving == 0, "{speed_mps}, {look}: {:?}", watch.tracks.all());
+        }
+    }
 }
