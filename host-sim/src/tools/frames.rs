@@ -471,11 +471,9 @@ impl ArrayDescription {
         if let Some(Exactly([low_hz, high_hz])) = file.tone_band_hz {
             check("tone_band_hz[0]", low_hz, 0.0, nyquist_hz)?;
             check("tone_band_hz[1]", high_hz, low_hz, nyquist_hz)?;
-            // A given band means that the tone may be elsewhere in it: a given tone must at least agree.
             if let Some(tone_hz) = file.tone_hz {
                 check("tone_hz, beside tone_band_hz,", tone_hz, low_hz, high_hz)?;
             }
-            phase.tone_hz = None;
             phase.tone_band_hz = [low_hz as f32, high_hz as f32];
         }
         for (channel, skew_s) in file.skew_s.into_iter().flat_map(|skew_s| skew_s.0).enumerate() {
