@@ -153,7 +153,7 @@ pub struct Bearing {
     /// Time span without any signal.
     #[schemars(inner(range(min = 0.0, max = 1e6)))]
     pub dropout: Option<[f64; 2]>,
-    /// The beacon's frequency is known: tones on other frequencies are ignored.
+    /// The beacon's frequency is known: tones more than two bins away are ignored.
     pub tone_known: bool,
     /// The beacon transmits in pulses only.
     pub pulses: Option<Pulses>,
