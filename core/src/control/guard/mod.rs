@@ -14,8 +14,8 @@
 //!    grows by the gust margin; if there is no space for that, all margins shrink equally, which leads to the middle.
 //! 3. The change from the last command is limited: by the acceleration limit always, by the jerk limit when the speed
 //!    grows. Braking and evading are never limited by jerk, so that they are not late. The jerk limit bounds how fast
-//!    an acceleration builds up or reverses; it may end at once. What the half-spaces need comes first, so that the
-//!    vehicle slows before it turns.
+//!    an acceleration builds up or reverses; it may end at once. Where the half-spaces ask for a slower command, that
+//!    change comes first: the vehicle slows before it turns.
 //! 4. An exact check: the segments from the vehicle to its rest point and on to where this command would lead must
 //!    not touch a circle or leave the fence less its margin; otherwise the command is reduced, if necessary to a brake.
 //! 5. The vehicle's hull, at the place where the command leads, must not touch a place that the sensor has not seen
