@@ -67,8 +67,8 @@ const LANDING_PERIOD_US: u32 = 100_000;
 const SURROUNDINGS_PERIOD_US: u64 = 200_000;
 /// A bearing older than this is not reported any more.
 const BEARING_AGE_MAX_S: f32 = 0.5;
-/// A range less certain than this is not sent as a landing target.
-const LANDING_SIGMA_MAX: f32 = 0.5;
+/// A range less certain than this share of it is not sent.
+const RANGE_SIGMA_MAX: f32 = 0.5;
 /// An outcome that lasts this long is reported again, with advice for the pilot.
 const NO_SIGNAL_LONG_S: f32 = 30.0;
 const STALE_OBSTACLES_LONG_S: f32 = 15.0;
@@ -370,10 +370,12 @@ impl Companion {
         }
     }
 
-    /// Estimated range of the source.
+    /// Range of the source, where it is known.
     fn range_m(&self, output: &guidance::Output) -> Option<f32> {
         let here = self.ownship()?.position_ned_m.horizontal();
-        output.source.map(|source| source.place_ned_m.minus(here).norm())
+        let source = output.source?;
+        let range_m = source.place_ned_m.minus(here).norm();
+        (source.sigma_m <= RANGE_SIGMA_MAX * range_m).then_some(range_m)
     }
 
     #[inline(never)]
@@ -399,10 +401,7 @@ impl Companion {
             return Some(landing::Target { body_frd_m: ownship.vector_to_body(away), place_ned_m, is_pad: true });
         }
         let (bearing, source) = (output.bearing.filter(|bearing| bearing.valid)?, output.source?);
-        let range_m = source.place_ned_m.minus(ownship.position_ned_m.horizontal()).norm();
-        if source.sigma_m > LANDING_SIGMA_MAX * range_m {
-            return None;
-        }
+        let range_m = self.range_m(output)?;
         let (sin_elevation, cos_elevation) = sin_cos(libm::fabsf(bearing.elevation_rad));
         let (sin_azimuth, cos_azimuth) = sin_cos(bearing.azimuth_rad);
         // Beyond 84 degrees the height is more accurate than the range; nobody needs it here.

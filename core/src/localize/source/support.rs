@@ -26,6 +26,8 @@ const FAR_M: f32 = 60.0;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Support {
     places: Vec<(Horizontal, f32), PLACES_MAX>,
+    /// Weight of the places at `FAR_M`, which stand for any range beyond it.
+    beyond: f32,
 }
 
 /// Mean and spread of the places.
@@ -35,14 +37,14 @@ pub struct Support {
 pub struct SourcePosition {
     /// Mean position.
     pub place_ned_m: Horizontal,
-    /// Square root of the larger eigenvalue of the covariance.
+    /// Square root of the larger eigenvalue of the covariance; about 60 m where the source is that far away, or farther.
     pub sigma_m: f32,
 }
 
 impl Support {
     /// Removes all places.
     pub fn clear(&mut self) {
-        self.places.clear();
+        *self = Self::default();
     }
 
     /// Adds the places of a filter, which share a weight.
@@ -54,6 +56,9 @@ impl Support {
         for quantile in QUANTILES {
             let off = quantile * sigma;
             let inverse_range = between(filter.inverse_range_per_m() + off, 1.0 / FAR_M, 1.0 / NEAR_M);
+            if inverse_range <= 1.0 / FAR_M {
+                self.beyond += weight / QUANTILES.len() as f32;
+            }
             let towards = along.plus(across.times(slope * off));
             let place_ned_m = filter.place_ned_m().plus(towards.times(1.0 / inverse_range));
             // Cannot fail: there is space for every filter of the bank.
@@ -70,25 +75,22 @@ impl Support {
     /// Mean and spread; `None` without places.
     #[must_use]
     pub fn mean(&self) -> Option<SourcePosition> {
-        (!self.places.is_empty()).then(|| SourcePosition::of(self.places.iter().copied()))
-    }
-}
-
-impl SourcePosition {
-    /// Of places whose weights sum to one.
-    fn of(places: impl Iterator<Item = (Horizontal, f32)> + Clone) -> Self {
-        let (place_ned_m, [nn, ne, ee]) = moments(places);
+        if self.places.is_empty() {
+            return None;
+        }
+        let (place_ned_m, [nn, ne, ee]) = moments(&self.places);
         let (half_sum, half_difference) = (0.5 * (nn + ee), 0.5 * (nn - ee));
         let largest = half_sum + sqrt(half_difference * half_difference + ne * ne);
-        Self { place_ned_m, sigma_m: sqrt(largest) }
+        // Nothing is known beyond the farthest place: its own distance is the least spread that says so.
+        Some(SourcePosition { place_ned_m, sigma_m: sqrt(largest + self.beyond * FAR_M * FAR_M) })
     }
 }
 
 /// Mean and covariance, north-north, north-east and east-east, of places whose weights sum to one.
-fn moments(places: impl Iterator<Item = (Horizontal, f32)> + Clone) -> (Horizontal, [f32; 3]) {
+fn moments(places: &[(Horizontal, f32)]) -> (Horizontal, [f32; 3]) {
     let mut mean = Horizontal::default();
-    for (place, weight) in places.clone() {
-        mean = mean.plus(place.times(weight));
+    for (place, weight) in places {
+        mean = mean.plus(place.times(*weight));
     }
     let (mut nn, mut ne, mut ee) = (0.0, 0.0, 0.0);
     for (place, weight) in places {
@@ -136,6 +138,17 @@ mod tests {
         support.add(&filter(source, 60), 1.0);
         let mean = support.mean().unwrap();
         assert!(mean.place_ned_m.minus(source).norm() < 0.3 && mean.sigma_m < 0.5, "{mean:?}");
+    }
+
+    /// The places end at 60 m: of a source beyond, they lie in one point, and nobody may take it for a range that is known.
+    #[test]
+    fn a_source_beyond_the_farthest_place_has_no_range_that_is_known() {
+        for range_m in [70.0, 150.0, 1000.0] {
+            let mut support = Support::default();
+            support.add(&filter(Horizontal { north: range_m, east: 5.0 }, 400), 1.0);
+            let mean = support.mean().unwrap();
+            assert!(mean.sigma_m > 0.5 * mean.place_ned_m.norm(), "{range_m}: {mean:?}");
+        }
     }
 
     /// Against the filter's own covariance, where that is small enough to be linear.
