@@ -19,7 +19,7 @@ pub struct AllSystems {
 
 impl Systems for AllSystems {
     fn build(config: &Config) -> Result<Self, ConfigError> {
-        let planner = AnyPlanner::build(&config.planner, &config.vehicle, &config.sensor, &config.guard.fence)?;
+        let planner = AnyPlanner::build(&config.planner, &config.vehicle, &config.sensor, &config.guard)?;
         let estimator = AnyEstimator::build(&config.bearing, &config.array.build()?)?;
         Ok(Self { planner, estimator })
     }

@@ -108,7 +108,7 @@ impl Config {
     /// # Errors
     /// The field that is refused.
     pub fn build_planner(&self) -> Result<Planner, ConfigError> {
-        self.planner.build(&self.vehicle, &self.sensor, &self.guard.fence)
+        self.planner.build(&self.vehicle, &self.sensor, &self.guard.fence, self.guard.margin_m)
     }
 
     /// Checks the configuration of every module.
@@ -233,13 +233,14 @@ mod tests {
             turning: Some(turning::Config::default()),
             ..Config::default()
         };
-        let facts: [Fact; 10] = [
+        let facts: [Fact; 11] = [
             (|c| c.vehicle.radius_m = 0.2, &["guard", "planner", "search"]),
             (|c| c.sensor.range_m = 4.0, &["guard", "planner"]),
             (|c| c.sensor.fov_rad = 3.0, &["guard", "planner"]),
             (|c| c.sensor.turn_s = 0.1, &["guard", "planner", "scan"]),
             (|c| c.sensor.lag_s = 0.1, &["guard", "planner", "scan"]),
             (|c| c.planner.margin_m = 0.1, &["planner", "search", "near"]),
+            (|c| c.guard.margin_m = 0.1, &["guard", "planner"]),
             (|c| c.guard.v_max_mps = 2.0, &["guard", "evader"]),
             (|c| c.guard.a_max_mps2 = 3.0, &["guard", "evader"]),
             (|c| c.vehicle_model.lag_s = 0.7, &["evader", "wind", "vehicle model"]),

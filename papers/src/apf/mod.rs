@@ -10,11 +10,12 @@
 //! latter is implemented, with the target from the request. If the target comes within range of a goal whose position
 //! is known, or would be behind it, it is the goal.
 
-use foxhound_core::base::config::{Fence, RangeSensor, Vehicle};
+use foxhound_core::base::config::{RangeSensor, Vehicle};
 use foxhound_core::base::error::{ConfigError, Why};
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::{Disc, Obstacle};
 use foxhound_core::base::rng::Rng;
+use foxhound_core::control::guard;
 use foxhound_core::planning::field::Gains;
 use foxhound_core::planning::planner::baseline::{self, Exponent, Law, Offsets, Reading};
 use foxhound_core::planning::planner::sampling::{average, draw, nearest};
@@ -110,11 +111,21 @@ impl AnyPlanner {
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(config: &Config, vehicle: &Vehicle, sensor: &RangeSensor, fence: &Fence) -> Result<Self, ConfigError> {
+    pub fn build(
+        config: &Config,
+        vehicle: &Vehicle,
+        sensor: &RangeSensor,
+        guard: &guard::Config,
+    ) -> Result<Self, ConfigError> {
+        let (fence, margin_m) = (&guard.fence, guard.margin_m);
         if config.kind == Kind::Foxhound {
-            return Ok(Self { config: *config, vehicle: *vehicle, own: config.build(vehicle, sensor, fence)? });
+            return Ok(Self {
+                config: *config,
+                vehicle: *vehicle,
+                own: config.build(vehicle, sensor, fence, margin_m)?,
+            });
         }
-        let own = own(config).build(vehicle, sensor, fence)?;
+        let own = own(config).build(vehicle, sensor, fence, margin_m)?;
         law::check_law(&config.law)?;
         if config.explore.is_some() {
             let why = Why::Inconsistent("only the planner foxhound can search");
@@ -278,9 +289,14 @@ mod tests {
 
     fn run(name: &str, request: &PlanRequest, known: &[Disc]) -> (Plan, Workspace) {
         let mut workspace = Workspace::default();
-        let plan = AnyPlanner::build(&named(name).unwrap(), &Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT)
-            .unwrap()
-            .plan(&mut workspace, request, known);
+        let plan = AnyPlanner::build(
+            &named(name).unwrap(),
+            &Vehicle::DEFAULT,
+            &RangeSensor::DEFAULT,
+            &guard::Config::default(),
+        )
+        .unwrap()
+        .plan(&mut workspace, request, known);
         (plan, workspace)
     }
 
@@ -295,8 +311,9 @@ mod tests {
 
     #[test]
     fn only_the_planner_foxhound_can_search() {
-        let build =
-            |config: &Config| AnyPlanner::build(config, &Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT);
+        let build = |config: &Config| {
+            AnyPlanner::build(config, &Vehicle::DEFAULT, &RangeSensor::DEFAULT, &guard::Config::default())
+        };
         let search = |name| Config { explore: Some(explore::Config::default()), ..named(name).unwrap() };
         assert_eq!(build(&search("paper")).unwrap_err().field, "planner.explore");
         assert!(build(&search("foxhound")).is_ok());

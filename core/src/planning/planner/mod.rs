@@ -46,6 +46,9 @@ pub const HORIZON_M: f32 = 2.0;
 /// Number of segments, from the start, that must keep the margin: those that are flown before the next replan with the default
 /// `replan_at_waypoint`, and one more. Where more are flown, the guard alone keeps the vehicle clear of what is near them.
 const CHECKED_SEGMENTS: usize = 6;
+/// Half of the narrowest gap that counts as passable: in margins, and at least.
+const PASSABLE_MARGINS: f32 = 1.2;
+const PASSABLE_MIN_M: f32 = 0.036;
 
 /// Which planner.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -125,12 +128,19 @@ impl Config {
         }
     }
 
-    /// Checks the configuration. The sensor decides what counts as searched; no path leads out of the fence.
+    /// Checks the configuration. The sensor decides what counts as searched; no path leads out of the fence, or through a
+    /// gap in which neither planner nor guard could keep their margins.
     ///
     /// # Errors
     /// The field that is out of range; or `planner.kind` or `planner.law.kind` if it is one of the papers', with its
     /// number as the value.
-    pub fn build(&self, vehicle: &Vehicle, sensor: &RangeSensor, fence: &Fence) -> Result<Planner, ConfigError> {
+    pub fn build(
+        &self,
+        vehicle: &Vehicle,
+        sensor: &RangeSensor,
+        fence: &Fence,
+        guard_margin_m: f32,
+    ) -> Result<Planner, ConfigError> {
         for (field, number) in [("planner.kind", self.kind as u8), ("planner.law.kind", self.law.kind as u8)] {
             if number != 0 {
                 let why = Why::Inconsistent("the papers' planners and fields are not part of this program");
@@ -154,12 +164,15 @@ impl Config {
         vehicle.check()?;
         sensor.check()?;
         fence.check()?;
+        let widest_m = if guard_margin_m > self.tight_margin_m { guard_margin_m } else { self.tight_margin_m };
+        let passable_m = PASSABLE_MARGINS * widest_m;
         let clearance_m = vehicle.radius_m + self.margin_m;
         Ok(Planner {
             config: *self,
             vehicle: *vehicle,
             sensor: *sensor,
             fence: *fence,
+            passable_m: if passable_m > PASSABLE_MIN_M { passable_m } else { PASSABLE_MIN_M },
             walls: self.walls.build()?,
             explorer: self.explore.map(|explore| explore.build(clearance_m, fence)).transpose()?,
         })
@@ -361,6 +374,8 @@ pub struct Planner {
     vehicle: Vehicle,
     sensor: RangeSensor,
     fence: Fence,
+    /// Half of the narrowest gap that a path may lead through.
+    passable_m: f32,
     walls: walls::Extractor,
     explorer: Option<explore::Explorer>,
 }

@@ -265,7 +265,7 @@ pub(super) fn plan(
             ..Plan::brake(config, request)
         };
     }
-    march(window, start, toward, if far { FAR_SCALE } else { 1.0 }, &workspace.obstacles, fence);
+    march(window, start, toward, if far { FAR_SCALE } else { 1.0 }, planner.passable_m, &workspace.obstacles, fence);
     let support = if known.is_some() { &[] } else { request.support.places() };
     let aim = aim(window, support, &workspace.obstacles, (progress, &*path), toward);
     // From here on only the obstacles that matter within the horizon, with their sigma.
@@ -588,7 +588,7 @@ mod tests {
                 reach_m: 0.4,
             };
             let obstacles: Vec<Obstacle, 64> = centers.iter().map(obstacle).collect();
-            march(&mut window, Horizontal::default(), path[8], 1.0, &obstacles, &Fence::DEFAULT);
+            march(&mut window, Horizontal::default(), path[8], 1.0, 0.036, &obstacles, &Fence::DEFAULT);
             along(&window, &path).map(|(place, _)| place)
         };
         // A pillar beside the path, whose reach covers the path by ten centimetres and more.

@@ -6,6 +6,9 @@ use crate::planning::rollout::swept_clearance_m;
 
 type Discs = std::vec::Vec<Disc>;
 
+/// The guard's default.
+const GUARD_MARGIN_M: f32 = 0.03;
+
 fn discs(circles: &[(f32, f32, f32)]) -> Discs {
     circles
         .iter()
@@ -23,11 +26,10 @@ fn request() -> PlanRequest {
 
 fn plan(request: &PlanRequest, known: &[Disc]) -> (Plan, Workspace) {
     let mut workspace = Workspace::default();
-    let plan = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT).unwrap().plan(
-        &mut workspace,
-        request,
-        known,
-    );
+    let plan = Config::default()
+        .build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT, GUARD_MARGIN_M)
+        .unwrap()
+        .plan(&mut workspace, request, known);
     (plan, workspace)
 }
 
@@ -44,7 +46,8 @@ fn it_flies_straight_through_the_open() {
 
 #[test]
 fn ours_never_returns_a_path_that_loses_its_margin() {
-    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT).unwrap();
+    let planner =
+        Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT, GUARD_MARGIN_M).unwrap();
     let mut workspace = Workspace::default();
     let (mut followed, mut braked) = (0, 0);
     for seed in 0..400_u64 {
@@ -91,7 +94,8 @@ fn a_gap_that_may_be_closed_is_flown_to_and_left_when_that_brings_it_no_nearer()
     let wall = (0..40).flat_map(|k| [1.0_f32, -1.0].map(|side| (3.0, side * (0.45 + 0.3 * k as f32), 0.2 + 0.15)));
     let known: Discs = discs(&wall.collect::<std::vec::Vec<_>>());
     let known: Discs = known.into_iter().map(|disc| Disc { sigma_mm: 150, ..disc }).collect();
-    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT).unwrap();
+    let planner =
+        Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT, GUARD_MARGIN_M).unwrap();
     let mut workspace = Workspace::default();
     let known_source_ned_m = Some(Horizontal { north: 6.0, east: 0.0 });
     let mut east_m = |begins, id| {
@@ -121,7 +125,8 @@ fn wide_wall() -> (PlanRequest, Discs) {
 
 #[test]
 fn a_wall_wider_than_the_window_is_gone_round() {
-    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT).unwrap();
+    let planner =
+        Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT, GUARD_MARGIN_M).unwrap();
     let (mut workspace, (mut request, known)) = (Workspace::default(), wide_wall());
     let source = request.known_source_ned_m.unwrap();
     for _ in 0..80 {
@@ -138,7 +143,8 @@ fn a_wall_wider_than_the_window_is_gone_round() {
 
 #[test]
 fn who_never_comes_nearer_is_told_that_there_is_no_way_until_it_is_handed_over_again() {
-    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT).unwrap();
+    let planner =
+        Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT, GUARD_MARGIN_M).unwrap();
     let (mut workspace, (mut request, known)) = (Workspace::default(), wide_wall());
     request.start_ned_m.north = 1.0;
     let mut verdict = |begins| {
@@ -179,7 +185,7 @@ fn bad_gains_are_refused_by_name() {
     let refused = |change: &dyn Fn(&mut Config)| {
         let mut config = Config::default();
         change(&mut config);
-        config.build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT).unwrap_err().field
+        config.build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT, GUARD_MARGIN_M).unwrap_err().field
     };
     assert_eq!(refused(&|c| c.gains.k_rep = f32::NAN), "planner.gains.k_rep");
     assert_eq!(refused(&|c| c.gains.influence_m = -1.0), "planner.gains.influence_m");
@@ -190,7 +196,11 @@ fn bad_gains_are_refused_by_name() {
 
 /// Follows the plans from a start to a known source; where it was at each replan.
 fn followed(fence: &Fence, start: Horizontal, source: Horizontal, known: &[Disc]) -> std::vec::Vec<Horizontal> {
-    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, fence).unwrap();
+    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, fence, GUARD_MARGIN_M).unwrap();
+    follow(&planner, start, source, known)
+}
+
+fn follow(planner: &Planner, start: Horizontal, source: Horizontal, known: &[Disc]) -> std::vec::Vec<Horizontal> {
     let (mut workspace, mut here) = (Workspace::default(), start);
     let mut places = std::vec![here];
     for id in 0..60 {
@@ -225,11 +235,28 @@ fn no_path_leads_out_of_the_fence() {
     assert!(beyond[60].minus(at(3.5, 0.0)).norm() < 0.3, "{beyond:?}");
 }
 
+/// In the middle of the gap nothing is nearer than 0.15 m: passable, but with margins of 0.2 m or more.
+#[test]
+fn a_gap_in_which_the_margins_cannot_be_kept_is_flown_around() {
+    let pillars = discs(&[(2.0, -0.5, 0.2), (2.0, 0.5, 0.2)]);
+    let source = Horizontal { north: 5.0, east: 0.0 };
+    let wide = Config { margin_m: 0.5, tight_margin_m: 0.3, ..Config::default() };
+    for (config, guard_margin_m, through) in
+        [(Config::default(), 0.03, true), (Config::default(), 0.2, false), (wide, 0.03, false), (wide, 0.2, false)]
+    {
+        let planner = config.build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT, guard_margin_m).unwrap();
+        let places = follow(&planner, Horizontal::default(), source, &pillars);
+        assert!(places[60].minus(source).norm() < 0.4, "{guard_margin_m}: {places:?}");
+        let between = |place: &Horizontal| (place.north - 2.0).abs() < 0.2 && place.east.abs() < 0.3;
+        assert_eq!(places.iter().any(between), through, "{guard_margin_m}: {places:?}");
+    }
+}
+
 #[test]
 fn what_was_spent_on_a_search_or_before_the_beginning_does_not_count() {
     let explore = Some(explore::Config { limit_s: 600.0, ..explore::Config::default() });
     let planner = Config { explore, ..Config::default() }
-        .build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT)
+        .build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT, GUARD_MARGIN_M)
         .unwrap();
     let mut workspace = Workspace::default();
     // A vehicle that is held up: it stays where it is.
@@ -257,7 +284,7 @@ fn what_was_spent_on_a_search_or_before_the_beginning_does_not_count() {
 fn whoever_shuts_the_vehicle_in_for_a_while_does_not_end_its_search() {
     let explore = Some(explore::Config::default());
     let planner = Config { explore, ..Config::default() }
-        .build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT)
+        .build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &Fence::DEFAULT, GUARD_MARGIN_M)
         .unwrap();
     let ring = |count: u8, away_m: f32, radius_m: f32, moves: bool| -> Discs {
         let place = |k: u8| Horizontal::from_bearing(f32::from(k) * core::f32::consts::TAU / f32::from(count));
@@ -285,7 +312,7 @@ fn whoever_shuts_the_vehicle_in_for_a_while_does_not_end_its_search() {
 #[test]
 fn no_bent_path_leads_out_of_the_fence_either() {
     let fence = Fence { radius_m: 5.0, ..Fence::DEFAULT };
-    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &fence).unwrap();
+    let planner = Config::default().build(&Vehicle::DEFAULT, &RangeSensor::DEFAULT, &fence, GUARD_MARGIN_M).unwrap();
     let start = Horizontal { north: 4.4, east: 0.0 };
     let learn =
         Learn { source_ned_m: Horizontal { north: 14.0, east: 0.0 }, covariance_m2: [10.0, 0.0, 1.0], sigma_rad: 0.05 };

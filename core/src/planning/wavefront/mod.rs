@@ -45,8 +45,6 @@ const DIAGONAL: f32 = core::f32::consts::FRAC_1_SQRT_2;
 const AHEAD_M: f32 = 1.2;
 /// Width of a cell.
 const CELL_M: f32 = 0.1;
-/// Half of the narrowest gap between two obstacles that counts as passable.
-const PASSABLE_M: f32 = 0.036;
 /// Clearance above which a cell is not slowed; it is twice as slow below that, and four times where there is none.
 const CLEAR_M: f32 = 0.03;
 
@@ -375,12 +373,14 @@ const NEIGHBOURS: [(isize, isize, u32); 8] =
     [(-ROW, 0, 7), (ROW, 0, 7), (0, -1, 7), (0, 1, 7), (-ROW, -1, 5), (-ROW, 1, 5), (ROW, -1, 5), (ROW, 1, 5)];
 
 /// Fills a window around `start_ned_m` with distances. `scale` enlarges the cells, to cover a wider area. An
-/// obstacle that contains the start is shrunk to end just short of it. What lies outside of the fence is closed.
+/// obstacle that contains the start is shrunk to end just short of it. What lies outside of the fence is closed, and so are
+/// gaps of less than twice `passable_m`.
 pub fn march(
     window: &mut Window,
     start_ned_m: Horizontal,
     towards_ned_m: Horizontal,
     scale: f32,
+    passable_m: f32,
     obstacles: &[Obstacle],
     fence: &Fence,
 ) {
@@ -415,13 +415,13 @@ pub fn march(
         // A cell is closed when the middle of a just passable gap cannot lie in it, however the gap is aligned to
         // the grid.
         let free_m = obstacle.center_ned_m.minus(start_ned_m).norm() - 0.01;
-        let reach_m = obstacle.reach_m + PASSABLE_M - DIAGONAL * cell_m;
+        let reach_m = obstacle.reach_m + passable_m - DIAGONAL * cell_m;
         draw(window, obstacle.center_ned_m, if reach_m < free_m { reach_m } else { free_m }, Tier::Closed);
     }
     // Gaps that are too narrow are closed by a line of cells, which the wave cannot cross.
     for (index, one) in obstacles.iter().enumerate() {
         for other in obstacles.get(index + 1..).unwrap_or_default() {
-            let reach_m = one.reach_m + other.reach_m + 2.0 * PASSABLE_M;
+            let reach_m = one.reach_m + other.reach_m + 2.0 * passable_m;
             let across = other.center_ned_m.minus(one.center_ned_m);
             if across.norm_squared() < reach_m * reach_m {
                 bridge(window, one.center_ned_m, across);

@@ -12,7 +12,7 @@ fn pillar(north: f32, east: f32, reach_m: f32) -> Obstacle {
 
 fn march(start: Horizontal, obstacles: &[Obstacle]) -> Box<Window> {
     let mut window = Box::new(Window::new());
-    super::march(&mut window, start, start, 1.0, obstacles, &Fence::DEFAULT);
+    super::march(&mut window, start, start, 1.0, 0.036, obstacles, &Fence::DEFAULT);
     assert_eq!(window.dropped(), 0);
     window
 }
@@ -98,7 +98,7 @@ fn any_obstacles_and_any_start_end_in_a_bounded_march() {
         let mut window = Box::new(Window::new());
         let (start, towards) =
             (Horizontal { north: number(), east: number() }, Horizontal { north: number(), east: number() });
-        super::march(&mut window, start, towards, 1.0, &obstacles, &Fence::DEFAULT);
+        super::march(&mut window, start, towards, 1.0, 0.036, &obstacles, &Fence::DEFAULT);
         let exit = window.best_exit(towards);
         assert!(exit.is_none_or(|place| window.route(place).len() <= ROUTE_MAX));
     }
@@ -113,7 +113,7 @@ fn what_lies_outside_of_the_fence_is_closed_and_nothing_else() {
         let (start, towards, center_ned_m) = (place(), place(), place());
         let radius_m = center_ned_m.minus(start).norm() + 1.0 + 4.0 * rng.uniform();
         let fence = Fence { center_ned_m, radius_m, margin_m: 0.5 };
-        super::march(&mut window, start, towards, 1.0, &[], &fence);
+        super::march(&mut window, start, towards, 1.0, 0.036, &[], &fence);
         for cell in (1..SIDE - 1).flat_map(|row| row * SIDE + 1..row * SIDE + SIDE - 1) {
             let outside_m = window.place_of(cell).minus(center_ned_m).norm() - fence.reach_m(start);
             if outside_m.abs() > 1e-4 {

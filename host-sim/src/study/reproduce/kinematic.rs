@@ -175,7 +175,8 @@ pub(super) fn fly(scenario: &Scenario, planner: &AnyPlanner, rules: Rules, seed:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foxhound_core::base::config::{Fence, RangeSensor, Vehicle};
+    use foxhound_core::base::config::{RangeSensor, Vehicle};
+    use foxhound_core::control::guard;
     use foxhound_papers::apf;
 
     fn fly_past(obstacles: &str, rules: Rules) -> Flown {
@@ -186,7 +187,7 @@ mod tests {
             &apf::named("standard").unwrap(),
             &Vehicle::DEFAULT,
             &RangeSensor::DEFAULT,
-            &Fence::DEFAULT,
+            &guard::Config::default(),
         )
         .unwrap();
         fly(&Scenario::parse(&text).unwrap(), &planner, rules, 1)

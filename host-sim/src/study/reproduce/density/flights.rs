@@ -1,7 +1,8 @@
 //! The flights of the comparison: maps, the readings of the paper, points that move as published.
 
-use foxhound_core::base::config::{Fence, RangeSensor, Vehicle};
+use foxhound_core::base::config::{RangeSensor, Vehicle};
 use foxhound_core::base::obstacle::Obstacle;
+use foxhound_core::control::guard;
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::planning::planner::{self, Kind};
 use foxhound_papers::apf::{self, AnyPlanner, Field};
@@ -126,7 +127,7 @@ fn fly_kinematic(flight: &Flight, planner: &AnyPlanner, rules: Rules) -> (Flown,
 pub(super) fn planner_of(name: &str, vehicle_radius_m: f64) -> Result<AnyPlanner, InputError> {
     let config = apf::named(name).ok_or_else(|| InputError::new(format!("{name}: no such planner")))?;
     let vehicle = Vehicle { radius_m: vehicle_radius_m as f32 };
-    Ok(AnyPlanner::build(&config, &vehicle, &RangeSensor::DEFAULT, &Fence::DEFAULT)?)
+    Ok(AnyPlanner::build(&config, &vehicle, &RangeSensor::DEFAULT, &guard::Config::default())?)
 }
 
 /// All flights as published, by the baseline and by the paper's planner.
