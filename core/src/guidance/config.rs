@@ -194,7 +194,7 @@ impl Config {
                 None => None,
             },
             lander: match &self.landing {
-                Some(landing) => Some(landing.build()?),
+                Some(landing) => Some(landing.build(self.guard.altitude_band_m)?),
                 None => None,
             },
         })

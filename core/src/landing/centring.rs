@@ -93,8 +93,9 @@ pub(super) const COMMIT_S: f32 = 10.0;
 pub(super) const FRESH_S: f32 = 0.5;
 /// The pad is lost after this long, and the vehicle climbs.
 pub(super) const LOST_S: f32 = 2.0;
-/// How far it climbs; and the longest climb, after which it searches.
+/// How far it climbs; how much of it a vehicle coasts; and the longest climb, after which it searches.
 pub(super) const CLIMB_M: f32 = 1.0;
+pub(super) const COAST_M: f32 = 0.18;
 pub(super) const CLIMB_S: f32 = 5.0;
 
 /// Configuration of the centring.

@@ -73,8 +73,8 @@ pub mod search;
 mod stages;
 
 use centring::{
-    ACCEL_MAX_MPS2, CLIMB_MPS, COMMIT_MAX_M, COMMIT_MPS, DESCENT_MAX_MPS, DOWN_ACCEL_MAX_MPS2, LOST_S, SPEED_MAX_MPS,
-    Taken,
+    ACCEL_MAX_MPS2, CLIMB_M, CLIMB_MPS, COAST_M, COMMIT_MAX_M, COMMIT_MPS, DESCENT_MAX_MPS, DOWN_ACCEL_MAX_MPS2,
+    LOST_S, SPEED_MAX_MPS, Taken,
 };
 use observation::{PadObservation, Seen};
 
@@ -136,11 +136,11 @@ impl Default for Config {
 }
 
 impl Config {
-    /// Checks the configuration.
+    /// Checks the configuration. It climbs no higher than `altitude_band_m` above where the landing began.
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(&self) -> Result<Lander, ConfigError> {
+    pub fn build(&self, altitude_band_m: f32) -> Result<Lander, ConfigError> {
         check("landing.focal_widths", self.focal_widths, 0.2, 5.0)?;
         // No larger than what is seen until this low.
         let most_m = COMMIT_MAX_M * stages::SHORT_SIDE_HALF * stages::FILLED / self.focal_widths;
@@ -149,8 +149,10 @@ impl Config {
         check("landing.approach_s", self.approach_s, 1.0, 600.0)?;
         check("landing.attempt_s", self.attempt_s, 1.0, 600.0)?;
         check("landing.total_s", self.total_s, 1.0, 3600.0)?;
+        let highest_m = if altitude_band_m < CLIMB_M { altitude_band_m } else { CLIMB_M };
         Ok(Lander {
             config: *self,
+            climb_m: highest_m - COAST_M,
             arrival: self.arrival.build()?,
             search: self.search.build()?,
             pilot: self.centring.build()?,
@@ -328,7 +330,7 @@ pub fn plausible_height_m(height_m: Option<f32>) -> Option<f32> {
 /// use foxhound_core::base::time::Instant;
 /// use foxhound_core::landing::{Config, Input, Stage, State};
 ///
-/// let lander = Config::default().build()?;
+/// let lander = Config::default().build(2.0)?;
 /// let mut state = State::default();
 /// let now = Instant(1_000_000);
 /// let position_ned_m = Ned { north: 0.0, east: 0.0, down: -2.0 };
@@ -354,6 +356,8 @@ pub fn plausible_height_m(height_m: Option<f32>) -> Option<f32> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lander {
     config: Config,
+    /// How far above its beginning a climb is ended.
+    climb_m: f32,
     arrival: arrival::Arrival,
     search: search::Search,
     pilot: centring::Pilot,

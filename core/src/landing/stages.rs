@@ -92,7 +92,7 @@ impl Lander {
             state.enter(stage, None, now);
             if state.began.is_none() {
                 state.began = Some(now);
-                state.top_down_m = here.down_m - CLIMB_M;
+                state.top_down_m = here.down_m - self.climb_m;
             }
         };
         match verdict {

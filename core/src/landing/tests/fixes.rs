@@ -100,7 +100,7 @@ fn the_fix_errs_no_more_than_it_says() {
 
 #[test]
 fn a_refused_value_names_its_field() {
-    let name = |config: Config| config.build().unwrap_err().field;
+    let name = |config: Config| config.build(2.0).unwrap_err().field;
     let (s, c) = (search::Config::default(), centring::Config::default());
     for (config, field) in [
         (Config { pad_radius_m: 0.0, ..Config::default() }, "landing.pad_radius_m"),
@@ -116,5 +116,5 @@ fn a_refused_value_names_its_field() {
     ] {
         assert_eq!(name(config), field);
     }
-    assert!(Config::default().build().is_ok());
+    assert!(Config::default().build(2.0).is_ok());
 }

@@ -44,7 +44,7 @@ pub(super) struct Told<'a> {
 
 impl Landing {
     pub(super) fn new(config: Config) -> Self {
-        Self { lander: config.build().unwrap() }
+        Self { lander: config.build(2.0).unwrap() }
     }
 
     pub(super) fn step(&self, state: &mut Memory, told: &Told<'_>) -> Output {

@@ -296,15 +296,18 @@ fn a_pad_that_is_lost_is_waited_for_climbed_for_and_searched_for() {
 #[test]
 fn it_climbs_for_a_lost_pad_so_far_and_no_farther() {
     let config = camera();
-    let lander = Landing::new(config);
     let from_s = begins(config, quiet(), Stage::Descending) + 0.5;
-    let (mut flight, mut state) = (Flight::new(World { covered_s: (from_s, FOR_EVER), ..quiet() }), Memory::default());
-    let mut highest_m = 0.0_f32;
-    while flight.time_s() < 100.0 {
-        flight.step(&lander, &mut state, towards_beacon);
-        highest_m = highest_m.max(-flight.place_ned_m[2]);
+    for (altitude_band_m, most_m) in [(2.0, centring::CLIMB_M), (0.3, 0.3)] {
+        let lander = Landing { lander: config.build(altitude_band_m).unwrap() };
+        let (mut flight, mut state) =
+            (Flight::new(World { covered_s: (from_s, FOR_EVER), ..quiet() }), Memory::default());
+        let mut highest_m = 0.0_f32;
+        while flight.time_s() < 100.0 {
+            flight.step(&lander, &mut state, towards_beacon);
+            highest_m = highest_m.max(-flight.place_ned_m[2]);
+        }
+        assert!(highest_m < 2.0 + most_m, "band {altitude_band_m} m: {highest_m} m");
     }
-    assert!(highest_m < 2.0 + centring::CLIMB_M + 0.1, "{highest_m}");
 }
 
 #[test]
@@ -396,7 +399,7 @@ fn all_of_it_has_an_end_and_the_end_is_one() {
 #[test]
 fn a_moment_with_room_beside_it_is_no_place_to_land() {
     let lander =
-        Lander { config: Config { request_land: true, ..Config::default() }, ..Config::default().build().unwrap() };
+        Lander { config: Config { request_land: true, ..Config::default() }, ..Config::default().build(2.0).unwrap() };
     let mut state = State::default();
     state.enter(Stage::HandedOver, Some(Reason::Arrived), Instant(0));
     let mut step = |micros: u64, clearance_m: f32, aside_m: Option<f32>| {
