@@ -218,6 +218,9 @@ pub(super) fn calibration(cli: &Cli, args: &CalibrateCommand) -> Result<ExitCode
             report.interferer_frames
         ));
     }
+    if args.yaw.is_none() && report.spread_deg > calibrate::SPREAD_DOUBTFUL_DEG {
+        warn(&format!("warning: the channels' phases differ by {:.1} deg from frame to frame", report.spread_deg));
+    }
     if args.yaw.is_some() && report.deviation_max_deg.is_none() {
         cli.note("note: the frames do not go all around the circle: no deviation");
     }

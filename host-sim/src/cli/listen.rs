@@ -51,9 +51,9 @@ pub(super) struct ListenCommand {
     /// Duration of listening to a radio; Ctrl-C ends it earlier.
     #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = number(SECONDS))]
     seconds: f64,
-    /// File of the page.
-    #[arg(long, value_name = "FILE", default_value = "listen.html")]
-    out: PathBuf,
+    /// File of the page [default: listen.html; with --json none].
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
 }
 
 /// The printed result.
@@ -63,7 +63,7 @@ struct Summary<'a> {
     answers: usize,
     valid: usize,
     flagged: usize,
-    page: String,
+    page: Option<String>,
 }
 
 pub(super) fn listen(cli: &Cli, args: &ListenCommand) -> Result<ExitCode, InputError> {
@@ -71,9 +71,16 @@ pub(super) fn listen(cli: &Cli, args: &ListenCommand) -> Result<ExitCode, InputE
     let other = |extension| args.file.as_ref().map(|file| file.with_extension(extension));
     let (meta, data) = (other("sigmf-meta"), other("sigmf-data"));
     for file in [args.file.as_deref(), meta.as_deref(), data.as_deref()] {
-        check_apart(&[("FILE", file), ("--array", args.radio.array()), ("--out", Some(&args.out))])?;
+        check_apart(&[("FILE", file), ("--array", args.radio.array()), ("--out", args.out.as_deref())])?;
     }
-    check_writable("--out", Some(&args.out))?;
+    let out = args.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("listen.html")));
+    if let Some(out) = &out {
+        if args.out.is_some() && out.symlink_metadata().is_ok() && !cli.force {
+            let text = "is there already; name another file, or replace it with --force";
+            return Err(InputError::new(text).in_file(out));
+        }
+        check_writable("--out", Some(out))?;
+    }
     let page = match &args.file {
         Some(file) => {
             let Some(array) = args.radio.array() else { return Err(InputError::new("--array: missing")) };
@@ -81,18 +88,21 @@ pub(super) fn listen(cli: &Cli, args: &ListenCommand) -> Result<ExitCode, InputE
         }
         None => live(args)?,
     };
-    write_text(&args.out, &listening::page(&page))?;
+    if let Some(out) = &out {
+        write_text(out, &listening::page(&page))?;
+    }
     let summary = Summary {
         taken: &page.taken,
         answers: page.answers,
         valid: page.points.iter().filter(|point| point.is_valid).count(),
         flagged: page.points.iter().filter(|point| point.is_flagged).count(),
-        page: args.out.display().to_string(),
+        page: out.map(|out| out.display().to_string()),
     };
     if cli.json {
         say(&json_line(&summary)?);
     } else {
         let Summary { taken, answers, valid, flagged, page } = summary;
+        let page = page.unwrap_or_default();
         show(&format!("{taken}\n{answers} answers, {valid} valid, {flagged} flagged as more than one wave\n{page}\n"));
     }
     Ok(ExitCode::SUCCESS)

@@ -69,7 +69,7 @@ struct Cli {
     /// Folder for output files [default: out; with --json nothing is written unless requested].
     #[arg(long, global = true, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Replaces existing results in the folder of --out, and an existing log of `port`.
+    /// Replaces existing results in the folder of --out, an existing page of `listen`, and an existing log of `port`.
     #[arg(long, global = true)]
     force: bool,
 }

@@ -23,6 +23,10 @@ use crate::world::wrap_pi;
 
 /// Two frequencies closer than this, relative to their value, are the same entry.
 const SAME_FREQUENCY: f32 = 0.02;
+/// Frames whose phases differ by more are not of channels that are sampled in step.
+const SPREAD_MAX_DEG: f64 = 45.0;
+/// Frames of one source that stands differ by less.
+pub const SPREAD_DOUBTFUL_DEG: f64 = 10.0;
 
 /// What is known about the source.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -58,6 +62,8 @@ pub struct Report {
     pub phase_deg: [f64; CHANNELS],
     /// Remaining standard deviation of a channel's phase.
     pub residual_deg: f64,
+    /// The same of a single frame.
+    pub spread_deg: f64,
     /// All frequencies of the table.
     pub table_hz: Vec<f64>,
     /// Sampling delays, if requested.
@@ -124,6 +130,13 @@ pub fn calibrate(recording: &Recording, text: &str, options: &Options) -> Result
     let measured = calibrator
         .entry(options.temperature_c.map(|temperature_c| temperature_c as f32))
         .ok_or_else(|| InputError::new("--adc: no frames"))?;
+    // The residual is that of the mean of all frames.
+    let spread_deg = f64::from(measured.residual_rad).to_degrees() * (looks.len() as f64).sqrt();
+    if spread_deg > SPREAD_MAX_DEG {
+        return Err(InputError::new(format!(
+            "--adc: the channels' phases differ by {spread_deg:.0} deg from frame to frame: they are not sampled in step, or a cable is loose"
+        )));
+    }
 
     let mut entries: Vec<Entry> = if options.add { before.entries().to_vec() } else { Vec::new() };
     let apart =
@@ -148,7 +161,8 @@ pub fn calibrate(recording: &Recording, text: &str, options: &Options) -> Result
     }
     let table = Table::new(wavelength_m, &entries)?;
 
-    let mut deviation = description.deviation;
+    // What an older table left over is none of the new one's.
+    let mut deviation = if options.add { description.deviation } else { Deviation::default() };
     let mut deviation_max_deg = None;
     if !options.yaw_rad.is_empty() {
         let array = array::Config { calibration: Some(table), ..plain }.build()?.at(measured.frequency_hz);
@@ -182,6 +196,7 @@ pub fn calibrate(recording: &Recording, text: &str, options: &Options) -> Result
         gain: measured.gain.map(f64::from),
         phase_deg: measured.phase_rad.map(|phase_rad| f64::from(phase_rad).to_degrees()),
         residual_deg: f64::from(measured.residual_rad).to_degrees(),
+        spread_deg,
         table_hz: table.entries().iter().map(|entry| f64::from(entry.frequency_hz)).collect(),
         skew_s: skew_s.map(|skew_s| skew_s.map(f64::from)),
         deviation_max_deg,
@@ -260,7 +275,9 @@ fn write(text: &str, calibration: &Calibration, skew_s: Option<[f32; CHANNELS]>)
     set_entry(table, first);
     let crc = format!("{:#010x}", calibration.crc()).parse::<Value>();
     set(table, "crc", Some(crc.map_err(|error| InputError::new(error.to_string()))?));
-    if calibration.deviation != Deviation::default() {
+    if calibration.deviation == Deviation::default() {
+        table.remove("deviation");
+    } else {
         let Deviation { constant_rad, cosine_rad, sine_rad, sigma_rad } = calibration.deviation;
         let place = table.entry("deviation").or_insert_with(toml_edit::table);
         if let Some(inline) = place.as_inline_table() {
