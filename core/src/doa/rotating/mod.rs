@@ -133,8 +133,6 @@ pub struct Rotation {
     pub bearing_ned_rad: f32,
     /// Standard deviation of this rotation's bearing.
     pub sigma_rad: f32,
-    /// The greedy rule's answer: the middle of the loudest bin.
-    pub loudest_ned_rad: f32,
     /// From the lowest to the highest value of the fitted pattern.
     pub contrast_db: f32,
     /// Whether a second maximum is too high to distinguish them.
@@ -201,7 +199,9 @@ impl Seeker {
 
     fn evaluate(&self, bins: &Bins, since: Instant, time: Instant) -> Outcome {
         let (average_db, filled, gap) = bridged(bins);
-        let (Some((loudest, _)), true) = (bins.loudest(), gap <= GAP_MAX) else { return Outcome::Sparse };
+        if gap > GAP_MAX {
+            return Outcome::Sparse;
+        }
         let Some(fit) = self.pattern.fit(&average_db, filled).filter(is_signal) else { return Outcome::NoSignal };
         let ambiguous = fit.second > SECOND_MAX;
         // The fit between two maxima, where one pattern fits both of them least badly, is wrong.
@@ -213,7 +213,6 @@ impl Seeker {
             // The fit counts from the middle of the first bin.
             bearing_ned_rad: wrap_pi(direction_rad + bins::middle_rad(0) + bins.ahead_rad()),
             sigma_rad: sqrt(fit.sigma_rad * fit.sigma_rad + least * least),
-            loudest_ned_rad: bins::middle_rad(loudest),
             contrast_db: fit.contrast_db,
             ambiguous,
             retained: libm::expf(self.log_memory * readings_a_bin),

@@ -35,7 +35,8 @@ impl Scene {
         -60.0 + 10.0 * libm::log10f(gain(self.source_rad) + reflected) + self.noise_db * rng.gaussian()
     }
 
-    fn outcomes(&self, seconds: f32, seed: u64) -> Vec<Outcome> {
+    /// The outcomes, each with the state that it leaves.
+    fn watch(&self, seconds: f32, seed: u64) -> Vec<(Outcome, State)> {
         let seeker = self.config.build().unwrap();
         let (mut state, mut rng) = (State::new(), Rng::new(seed, 1));
         let steps = (seconds / self.period_s) as u64;
@@ -44,9 +45,14 @@ impl Scene {
                 let time_s = k as f32 * self.period_s;
                 let yaw_rad = wrap_pi(2.0 + self.yaw_rate_radps * time_s);
                 let power_db = self.power_db(yaw_rad, &mut rng);
-                seeker.step(&mut state, Instant((time_s * 1e6) as u64), yaw_rad, power_db)
+                let outcome = seeker.step(&mut state, Instant((time_s * 1e6) as u64), yaw_rad, power_db)?;
+                Some((outcome, state.clone()))
             })
             .collect()
+    }
+
+    fn outcomes(&self, seconds: f32, seed: u64) -> Vec<Outcome> {
+        self.watch(seconds, seed).into_iter().map(|(outcome, _)| outcome).collect()
     }
 
     fn rotations(&self, seconds: f32, seed: u64) -> Vec<Rotation> {
@@ -82,10 +88,14 @@ fn between_the_bins_the_fit_is_much_better_than_the_loudest_bin_and_its_sigma_is
         for seed in 0..60 {
             let source_rad = 0.1 * seed as f32 - 3.0;
             let scene = Scene { config, noise_db, source_rad, ..Scene::default() };
-            for rotation in scene.rotations(40.0, seed) {
+            for (outcome, state) in scene.watch(40.0, seed) {
+                let Outcome::Rotation(rotation) = outcome else { continue };
                 let off = |bearing_rad: f32| wrap_pi(bearing_rad - source_rad);
                 let fit = off(rotation.bearing_ned_rad);
-                all.push([fit, off(rotation.loudest_ned_rad), fit / rotation.sigma_rad]);
+                // The paper's greedy rule.
+                let loudest =
+                    state.bins().iter().enumerate().max_by(|(_, a), (_, b)| a.partial_cmp(b).unwrap()).unwrap();
+                all.push([fit, off(bins::middle_rad(loudest.0)), fit / rotation.sigma_rad]);
             }
         }
         let rms = |index: usize| sqrt(all.iter().map(|row| row[index] * row[index]).sum::<f32>() / all.len() as f32);
