@@ -90,13 +90,12 @@ impl<const L: usize> Search<'_, L> {
         }
     }
 
-    /// Smallest slack to an obstacle anywhere on the path, also between the steps, and the sum of the traces.
-    pub(super) fn check<const M: usize>(&self, path: &[Step<M>]) -> (f32, f32) {
-        let (mut clearance_m, mut trace) = (1e9, 0.0);
+    /// Smallest slack to an obstacle anywhere on the path, also between the steps.
+    pub(super) fn clearance_m<const M: usize>(&self, path: &[Step<M>]) -> f32 {
+        let mut clearance_m = 1e9;
         let mut before = Horizontal { north: self.start[0], east: self.start[1] };
         for step in path {
             let (width, _) = self.width(&step.covariance_m2);
-            trace += step.covariance_m2[0] + step.covariance_m2[2];
             let stride_m = sqrt(4.0 * self.planner.half_step_m2);
             for obstacle in self.obstacles {
                 // Most are too far to matter.
@@ -112,6 +111,6 @@ impl<const L: usize> Search<'_, L> {
             }
             before = step.place_ned_m;
         }
-        (clearance_m, trace)
+        clearance_m
     }
 }

@@ -177,8 +177,6 @@ pub struct Solution<'a, const M: usize> {
     pub iterations: u16,
     /// Eq. 10, without barriers.
     pub cost: f32,
-    /// Sum over the steps of the trace of the covariance of the first two states.
-    pub covariance_trace_sum_m2: f32,
     /// Smallest distance to an obstacle along the path, less all widening; large without obstacles.
     pub clearance_m: f32,
     /// The path, without the start.
@@ -340,14 +338,7 @@ impl Planner {
             bounds.get_mut(..length),
             finite && length > 0,
         ) else {
-            return Solution {
-                outcome: Outcome::Refused,
-                iterations: 0,
-                cost: 0.0,
-                covariance_trace_sum_m2: 0.0,
-                clearance_m: 0.0,
-                path: &[],
-            };
+            return Solution { outcome: Outcome::Refused, iterations: 0, cost: 0.0, clearance_m: 0.0, path: &[] };
         };
         let first = &problem.covariance_m2;
         let mut search = Search {
@@ -427,12 +418,11 @@ impl Planner {
                 }
             }
         }
-        let (clearance_m, trace) = search.check(path);
+        let clearance_m = search.clearance_m(path);
         Solution {
             outcome: if clearance_m < 0.0 { Outcome::Blocked } else { outcome },
             iterations,
             cost: search.cost(path),
-            covariance_trace_sum_m2: trace,
             clearance_m,
             path,
         }
