@@ -9,10 +9,10 @@
 use foxhound_core::base::adc::CHANNELS;
 use foxhound_core::doa::array::{self, Entry, TABLE_ENTRIES, Table};
 use foxhound_core::doa::bearing;
-use foxhound_core::doa::calibration::deviation::{Deviation, Spin};
+use foxhound_core::doa::calibration::deviation::Deviation;
 use foxhound_core::doa::calibration::order::{Check, Order};
 use foxhound_core::doa::calibration::record::Calibration;
-use foxhound_core::doa::calibration::{Calibrator, Source, Taken, take_skew};
+use foxhound_core::doa::calibration::{Calibrator, Source, Taken};
 use foxhound_core::signal::phase::{self, Phasors};
 use serde::Serialize;
 use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Value};
@@ -20,6 +20,9 @@ use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Value};
 use super::frames::{ArrayDescription, Recording};
 use crate::scenario::input::{AZIMUTH_DEG, ELEVATION_DEG, InputError, RANGE_M, TEMPERATURE_C, check_within};
 use crate::world::wrap_pi;
+
+mod fit;
+use fit::{Spin, take_skew};
 
 /// Two frequencies closer than this, relative to their value, are the same entry.
 const SAME_FREQUENCY: f32 = 0.02;

@@ -1,5 +1,5 @@
-//! Calibration: how the [`crate::doa::array::Table`] of the channels' gains and phases, their sampling delays and the
-//! airframe's deviation are measured, checked and stored.
+//! Calibration: how the [`crate::doa::array::Table`] of the channels' gains and phases is measured, checked and stored, and
+//! the airframe's deviation taken off.
 //!
 //! **Channels.** A source in a known direction, or a splitter, defines the phasors that the channels should have,
 //! `a_m = e^{j k u . p_m}` or all equal. With `y_m = z_m / a_m`, every frame gives `y_m = c g_m + noise`: its own
@@ -8,10 +8,6 @@
 //! that frames are weighted by their signal-to-noise ratio. The residual, `sum |y - c g|^2 / noise` with three
 //! complex degrees of freedom per frame except the first, widens the standard deviation of the mean if it exceeds the
 //! noise. One frame of 256 samples at 40 dB leaves 0.036 deg per channel, a tenth of the noise of a frame at 20 dB.
-//!
-//! **Sampling delays** rotate the phases in proportion to the frequency: two entries or more, at one carrier, give
-//! them as the slope `2 pi tau_m`, relative to their mean. The steps of the phases from one entry to the next must
-//! stay below half a turn.
 //!
 //! **Order of the channels**: [`order`]. **Deviation**: [`deviation`]. **Storage**: [`record`].
 //!
@@ -25,7 +21,7 @@ pub mod record;
 use crate::base::adc::CHANNELS;
 use crate::base::math::sqrt;
 use crate::base::units::{sin_cos, wrap_pi};
-use crate::doa::array::{Array, Entry, phase_steps};
+use crate::doa::array::{Array, Entry};
 use crate::signal::phase::{Complex, Phasors, Tone};
 
 /// A channel this much below the strongest, in power, is dead.
@@ -257,42 +253,6 @@ fn usable(phasors: &Phasors) -> Taken {
     (0..CHANNELS).find(|m| !lives(*m)).map_or(Taken::Yes, Taken::Dead)
 }
 
-/// The channels' sampling delays relative to their mean, from entries of one carrier by rising frequency, whose
-/// phases are corrected for them; add them to [`crate::signal::phase::Config::skew_s`]. `None` with fewer than two
-/// entries.
-pub fn take_skew(entries: &mut [Entry]) -> Option<[f32; CHANNELS]> {
-    let [first, .., last] = entries else { return None };
-    if !(last.frequency_hz > first.frequency_hz) {
-        return None;
-    }
-    // Least squares of the unwrapped phases over the frequency.
-    let origin = *first;
-    let n = entries.len() as f32;
-    let (mut phases, mut before) = ([0.0_f32; CHANNELS], origin);
-    let (mut f, mut ff) = (0.0, 0.0);
-    let (mut p, mut fp) = ([0.0_f32; CHANNELS], [0.0_f32; CHANNELS]);
-    for entry in entries.iter() {
-        let steps = phase_steps(&before, entry);
-        let away_hz = entry.frequency_hz - origin.frequency_hz;
-        (f, ff) = (f + away_hz, ff + away_hz * away_hz);
-        for m in 0..CHANNELS {
-            phases[m] += steps[m];
-            p[m] += phases[m];
-            fp[m] += away_hz * phases[m];
-        }
-        before = *entry;
-    }
-    let slope: [f32; CHANNELS] = core::array::from_fn(|m| (n * fp[m] - f * p[m]) / (n * ff - f * f));
-    let common = slope.iter().sum::<f32>() / CHANNELS as f32;
-    let skew_s = slope.map(|slope| (slope - common) / core::f32::consts::TAU);
-    for entry in entries {
-        for (phase_rad, skew_s) in entry.phase_rad.iter_mut().zip(skew_s) {
-            *phase_rad = wrap_pi(*phase_rad - core::f32::consts::TAU * entry.frequency_hz * skew_s);
-        }
-    }
-    Some(skew_s)
-}
-
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
@@ -300,13 +260,14 @@ pub(crate) mod tests {
     use crate::base::rng::Rng;
     use crate::base::time::Instant;
     use crate::doa::array::{self, Table};
-    use crate::doa::bearing::{self, Flags};
+    use crate::doa::bearing;
     use crate::signal::phase;
     use std::f64::consts::{PI, TAU};
     use std::vec::Vec;
 
     const N: usize = 256;
-    const RATE: f64 = 102_400.0;
+    /// Of the tone.
+    const BINS: f64 = 37.3;
     const SIDE: f64 = 0.40;
 
     /// A receiver of four different channels, before a source on the horizon.
@@ -314,14 +275,12 @@ pub(crate) mod tests {
     pub(crate) struct Receiver {
         pub(crate) gain: [f64; 4],
         pub(crate) phase_rad: [f64; 4],
-        pub(crate) delay_samples: [f64; 4],
-        pub(crate) bins: f64,
         pub(crate) snr_db: f64,
     }
 
     impl Receiver {
         pub(crate) const IDEAL: Self =
-            Self { gain: [1.0; 4], phase_rad: [0.0; 4], delay_samples: [0.0; 4], bins: 37.3, snr_db: 20.0 };
+            Self { gain: [1.0; 4], phase_rad: [0.0; 4], snr_db: 20.0 };
 
         /// 3 dB and tens of degrees; the noise of all channels is the same.
         fn uneven() -> Self {
@@ -341,8 +300,8 @@ pub(crate) mod tests {
                 let (x, y) = corners[m];
                 let wave = azimuth.map_or(0.0, |a| PI * SIDE * (x * a.cos() + y * a.sin()));
                 for (n, code) in row.iter_mut().enumerate() {
-                    let t = n as f64 - (N as f64 - 1.0) / 2.0 + self.delay_samples[m];
-                    let phase = TAU * self.bins / N as f64 * t + start + wave + self.phase_rad[m];
+                    let t = n as f64 - (N as f64 - 1.0) / 2.0;
+                    let phase = TAU * BINS / N as f64 * t + start + wave + self.phase_rad[m];
                     let value = ratio * sigma * self.gain[m] * phase.cos() + sigma * f64::from(rng.gaussian());
                     *code = value.round().clamp(-2048.0, 2047.0) as i16;
                 }
@@ -351,11 +310,8 @@ pub(crate) mod tests {
         }
 
         pub(crate) fn phasors(&self, azimuth: Option<f64>, rng: &mut Rng) -> Phasors {
-            self.phasors_with(phase::Config::default(), azimuth, rng)
-        }
-
-        fn phasors_with(&self, config: phase::Config, azimuth: Option<f64>, rng: &mut Rng) -> Phasors {
-            config.build::<N>().unwrap().step(&mut phase::State::default(), &self.frame(azimuth, rng))
+            let extractor = phase::Config::default().build::<N>().unwrap();
+            extractor.step(&mut phase::State::default(), &self.frame(azimuth, rng))
         }
 
         fn at_snr(self, snr_db: f64) -> Self {
@@ -429,37 +385,6 @@ pub(crate) mod tests {
         assert!(at_30_db <= 1.30, "{at_30_db} of the bound at 30 dB");
         let averaged = rms_over_bound(&receiver, 30.0, 16, 3);
         assert!(averaged <= 1.20 && averaged < at_30_db, "{averaged} of the bound at 30 dB after 16 frames");
-    }
-
-    #[test]
-    fn before_it_every_frame_is_uncalibrated_where_a_calibration_is_demanded() {
-        let config = array::Config { require_calibration: true, ..square() };
-        let estimator = bearing::Config::default().build(config.build().unwrap()).unwrap();
-        let mut rng = Rng::new(4, 1);
-        for degree in 0..360 {
-            let truth = f64::from(degree).to_radians();
-            let bearing = estimator.estimate(&Receiver::uneven().phasors(Some(truth), &mut rng));
-            assert!(!bearing.valid && bearing.flags.contains(Flags::UNCALIBRATED));
-        }
-    }
-
-    #[test]
-    fn configured_sampling_delays_of_three_quarters_of_a_sample_cost_nothing() {
-        let delay_samples = [0.0, 0.75, -0.75, 0.4];
-        let receiver = Receiver { delay_samples, snr_db: 30.0, ..Receiver::IDEAL };
-        let config =
-            phase::Config { skew_s: delay_samples.map(|delay| (delay / RATE) as f32), ..phase::Config::default() };
-        let estimator = bearing::Config::default().build(array()).unwrap();
-        let mut rng = Rng::new(5, 1);
-        let mut squares = 0.0;
-        for k in 0..2880 {
-            let truth = f64::from(k % 360).to_radians();
-            let receiver = Receiver { bins: 20.0 + 0.011 * f64::from(k), ..receiver };
-            let bearing = estimator.estimate(&receiver.phasors_with(config, Some(truth), &mut rng));
-            squares += error_rad(bearing.azimuth_rad, truth).powi(2);
-        }
-        let ratio = (squares / 2880.0).sqrt() / bound(30.0);
-        assert!(ratio <= 1.10, "{ratio} of the bound");
     }
 
     #[test]
@@ -560,28 +485,5 @@ pub(crate) mod tests {
                 .fold(0.0, f64::max);
             assert_eq!(worst < 1e-3, range > 100.0, "{range} m: {worst}");
         }
-    }
-
-    #[test]
-    fn two_tones_tell_the_sampling_delays_and_leave_the_phases_without_them() {
-        let mut rng = Rng::new(10, 1);
-        let delay_samples = [0.0, 0.75, -0.60, 0.31];
-        let receiver = Receiver { delay_samples, snr_db: 40.0, ..Receiver::uneven() };
-        for bins in [&[20.3, 75.6][..], &[15.0, 47.0, 80.2, 110.4]] {
-            let mut entries: Vec<Entry> =
-                bins.iter().map(|bins| entry(&Receiver { bins: *bins, ..receiver }, 1, Some(0.4), &mut rng)).collect();
-            let skew_s = take_skew(&mut entries).unwrap();
-            let mean = delay_samples.iter().sum::<f64>() / 4.0;
-            for (skew_s, truth) in skew_s.iter().zip(delay_samples) {
-                let error_samples = f64::from(*skew_s) * RATE - (truth - mean);
-                // One frame each at 40 dB: 0.0006 rad, over 2 pi 55 / 256 rad a sample.
-                assert!(error_samples.abs() < 0.003, "{bins:?}: {error_samples}");
-            }
-            for entry in entries {
-                assert!(phase_errors(&entry, &receiver).iter().all(|error| error.abs() < 0.006), "{bins:?}");
-            }
-        }
-        let mut one = [entry(&receiver, 1, None, &mut rng)];
-        assert!(take_skew(&mut one).is_none());
     }
 }

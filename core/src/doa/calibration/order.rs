@@ -190,8 +190,7 @@ mod tests {
 
     #[test]
     fn a_spin_finds_every_order_though_the_channels_are_tens_of_degrees_apart() {
-        let receiver =
-            Receiver { gain: [1.0, 0.7, 1.0, 0.85], phase_rad: [0.0, 0.8, -0.5, 1.2], snr_db: 10.0, ..Receiver::IDEAL };
+        let receiver = Receiver { gain: [1.0, 0.7, 1.0, 0.85], phase_rad: [0.0, 0.8, -0.5, 1.2], snr_db: 10.0 };
         for k in 0..ORDERS {
             let on = order(k);
             let found = verdict(Check::over_a_spin(), &receiver, on, &spin(), k as u64);
