@@ -12,7 +12,7 @@ use std::f64::consts::PI;
 use std::path::Path;
 
 use foxhound_core::base::time::Instant;
-use foxhound_core::doa::beam::{Arrival, Beam, Covariance, Source, can_tell};
+use foxhound_core::doa::beam::{Arrival, Beam, Covariance};
 use foxhound_core::doa::bearing::Flags;
 use num_complex::{Complex32, Complex64};
 
@@ -23,7 +23,9 @@ use super::{sigmf, wav};
 use crate::scenario::input::{InputError, read_bytes};
 
 mod band;
+mod source;
 use band::{Band, Sums};
+use source::{Source, can_tell};
 
 /// An offset is looked for in so many parts, of which half are enough, and known where so much of their means is alike.
 const OFFSET_PARTS: usize = 8;

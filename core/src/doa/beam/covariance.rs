@@ -2,7 +2,6 @@
 
 use super::Vector;
 use crate::base::adc::ANTENNAS_MAX;
-use crate::base::math::sqrt;
 use crate::signal::phase::Complex;
 
 /// An antenna this much below the loudest, in power, hears nothing.
@@ -45,21 +44,13 @@ impl Covariance {
 
     /// Scaled so that the trace is the sum of the weights: products of two elements do not overflow. Unchanged where the trace
     /// is zero or not finite.
-    pub(super) fn of_mean_one(&self) -> Self {
+    #[must_use]
+    pub fn of_mean_one(&self) -> Self {
         let scale = self.weight / self.trace();
         if !(scale > 0.0) || !scale.is_finite() {
             return *self;
         }
         Self { rows: self.rows.map(|row| row.map(|r| r.scaled(scale))), weight: self.weight }
-    }
-
-    /// One over the root of each antenna's power; zero of one that hears nothing.
-    pub(super) fn coherence_scale(&self) -> [f32; ANTENNAS_MAX] {
-        let mut scale = [0.0; ANTENNAS_MAX];
-        for (scale, power) in scale.iter_mut().zip(self.diagonal()) {
-            *scale = if power > 0.0 { 1.0 / sqrt(power) } else { 0.0 };
-        }
-        scale
     }
 
     /// `a' R a`.

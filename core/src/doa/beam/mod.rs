@@ -10,7 +10,7 @@
 //!
 //! The table has as many directions as the array is sharp. The best is refined by a parabola and Newton's steps.
 //!
-//! Not flown: `cargo xtask bench` counts it (`beam_36`, `covariance_bearing`).
+//! Not flown: `cargo xtask bench` counts it (`beam_36`).
 
 use core::f32::consts::TAU;
 
@@ -23,11 +23,9 @@ use crate::signal::phase::Complex;
 
 mod covariance;
 mod scan;
-mod source;
 
 pub use covariance::Covariance;
 pub use scan::Scan;
-pub use source::{Source, can_tell};
 
 /// One complex number for each antenna; zero where there is none.
 pub type Vector = [Complex; ANTENNAS_MAX];

@@ -1,5 +1,4 @@
-//! Cost of other receivers: a packet of an array behind a switch; a covariance, its bearing and a beam in all directions, of eight
-//! channels.
+//! Cost of other receivers: a packet of an array behind a switch; a covariance and a beam in all directions, of eight channels.
 
 use core::f32::consts::TAU;
 use core::hint::black_box;
@@ -7,7 +6,7 @@ use core::hint::black_box;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::{sin_cos, wrap_pi};
-use foxhound_core::doa::beam::{self, Beam, Covariance, Source};
+use foxhound_core::doa::beam::{self, Beam, Covariance};
 use foxhound_core::doa::switched::{self, Emitter, Group};
 use foxhound_core::signal::phase::Complex;
 use foxhound_core::signal::switched::{self as slots, SLOTS_MAX};
@@ -114,9 +113,5 @@ fn frames(measure: &impl Fn(&mut dyn FnMut()) -> u32, rng: &mut Rng) {
     let mut scan = beam::Scan::default();
     let turned = measure(&mut || beam.scan(black_box(&wave), black_box(&mut scan)));
     row("beam_36", turned, 0);
-    let source = Source::default();
-    let found = measure(&mut || {
-        black_box(source.bearing(&beam, black_box(&covariance), 0.0, Instant(0)));
-    });
-    row("covariance_bearing", found, 0);
+    black_box(covariance);
 }
