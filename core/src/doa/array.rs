@@ -156,11 +156,7 @@ impl Table {
 #[must_use]
 pub fn phase_steps(a: &Entry, b: &Entry) -> [f32; CHANNELS] {
     let step = |m: usize| wrap_pi(b.phase_rad[m] - a.phase_rad[m]);
-    let common = (0..CHANNELS).fold(Complex::default(), |sum, m| {
-        let (im, re) = sin_cos(step(m));
-        sum.plus(Complex { re, im })
-    });
-    let common = common.arg();
+    let common = (0..CHANNELS).fold(Complex::default(), |sum, m| sum.plus(Complex::at(step(m)))).arg();
     core::array::from_fn(|m| wrap_pi(step(m) - common))
 }
 

@@ -22,7 +22,7 @@ use crate::base::adc::CHANNELS;
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::math::sqrt;
 use crate::base::time::Instant;
-use crate::base::units::{asin, sin_cos, wrap_pi};
+use crate::base::units::{asin, wrap_pi};
 use crate::doa::array::Array;
 use crate::signal::phase::{Complex, Phasors, Tone};
 
@@ -522,14 +522,12 @@ impl BearingEstimator {
         let p = &self.array.steering;
 
         // One Gauss-Newton step from there: exact but for the wrapping, which the start has resolved.
-        let rotated: [Complex; CHANNELS] = core::array::from_fn(|m| {
-            let (s, c) = sin_cos(u[0] * p[m][0] + u[1] * p[m][1]);
-            z[m].times(Complex { re: c, im: -s })
-        });
+        let rotated: [Complex; CHANNELS] =
+            core::array::from_fn(|m| z[m].times_conj(Complex::at(u[0] * p[m][0] + u[1] * p[m][1])));
         let common = rotated.iter().zip(weights).fold(Complex::default(), |sum, (y, w)| {
             let magnitude = sqrt(y.norm_squared());
             let scale = if magnitude > 0.0 { w / magnitude } else { 0.0 };
-            sum.plus(Complex { re: y.re * scale, im: y.im * scale })
+            sum.plus(y.scaled(scale))
         });
         let phase: [f32; CHANNELS] = core::array::from_fn(|m| rotated[m].times_conj(common).arg());
 

@@ -74,8 +74,7 @@ impl Source {
                     (2.0 * r * plane - squared) / (r + distance)
                 }
             };
-            let (im, re) = sin_cos(phase);
-            Complex { re, im }
+            Complex::at(phase)
         })
     }
 }
@@ -115,7 +114,7 @@ impl Mean {
         let power: f32 = self.gain.iter().map(|g| g.norm_squared()).sum();
         let sum = y.iter().zip(self.gain).fold(Complex::default(), |sum, (y, g)| sum.plus(y.times_conj(g)));
         let scale = if power > 0.0 { 1.0 / power } else { 0.0 };
-        let c = Complex { re: sum.re * scale, im: sum.im * scale };
+        let c = sum.scaled(scale);
         let rest = core::array::from_fn(|m| {
             let expected = c.times(self.gain[m]);
             Complex { re: y[m].re - expected.re, im: y[m].im - expected.im }
@@ -128,21 +127,14 @@ impl Mean {
         if self.looks == 0 {
             let power = 0.25 * y.iter().map(|y| y.norm_squared()).sum::<f32>();
             let scale = 1.0 / sqrt(power);
-            *self = Self {
-                gain: y.map(|y| Complex { re: y.re * scale, im: y.im * scale }),
-                weight: power / noise,
-                scatter: 0.0,
-                looks: 1,
-            };
+            *self = Self { gain: y.map(|y| y.scaled(scale)), weight: power / noise, scatter: 0.0, looks: 1 };
             return;
         }
         let (c, rest) = self.split(y);
         let before = self.weight;
         self.weight += c.norm_squared() / noise;
         for (gain, rest) in self.gain.iter_mut().zip(rest) {
-            let step = rest.times_conj(c);
-            let share = 1.0 / (noise * self.weight);
-            *gain = gain.plus(Complex { re: step.re * share, im: step.im * share });
+            *gain = gain.plus(rest.times_conj(c).scaled(1.0 / (noise * self.weight)));
         }
         self.scatter += before / self.weight * rest.iter().map(|rest| rest.norm_squared()).sum::<f32>() / noise;
         self.looks += 1;
@@ -279,8 +271,7 @@ pub(crate) mod tests {
     }
 
     impl Receiver {
-        pub(crate) const IDEAL: Self =
-            Self { gain: [1.0; 4], phase_rad: [0.0; 4], snr_db: 20.0 };
+        pub(crate) const IDEAL: Self = Self { gain: [1.0; 4], phase_rad: [0.0; 4], snr_db: 20.0 };
 
         /// 3 dB and tens of degrees; the noise of all channels is the same.
         fn uneven() -> Self {

@@ -84,9 +84,7 @@ pub(super) fn fit<const N: usize>(state: &State<N>, codes: &[[i16; N]; CHANNELS]
         *z = solver.phasor(products);
         statistic += z.norm_squared() * weight;
         let [first, second] = solver.half_phasors(products);
-        let turned = second.times_conj(first);
-        advance.re += turned.re * weight;
-        advance.im += turned.im * weight;
+        advance = advance.plus(second.times_conj(first).scaled(weight));
     }
     Fit {
         z,

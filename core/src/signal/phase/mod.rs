@@ -30,7 +30,6 @@
 use crate::base::adc::{AdcFrame, CHANNELS};
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::time::Instant;
-use crate::base::units::sin_cos;
 use crate::signal::spectrum::tone::{Reference, Window};
 use crate::signal::spectrum::{Backend, Spectrum};
 
@@ -314,8 +313,7 @@ impl<const N: usize> Extractor<N> {
             for (z, skew_s) in phasors.z.iter_mut().zip(self.config.skew_s) {
                 // Sampled later means further in phase.
                 if skew_s != 0.0 {
-                    let (sine, cosine) = sin_cos(core::f32::consts::TAU * frequency_hz * skew_s);
-                    *z = z.times_conj(Complex { re: cosine, im: sine });
+                    *z = z.times_conj(Complex::at(core::f32::consts::TAU * frequency_hz * skew_s));
                 }
             }
         }

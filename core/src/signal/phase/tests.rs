@@ -1,6 +1,7 @@
 use super::scene::{Scene, arg, assert_finite, bins_of, extractor, open_config, reference_fit, rms, vec, wrapped};
 use super::*;
 use crate::base::rng::Rng;
+use crate::base::units::sin_cos;
 use std::f64::consts::TAU;
 use std::vec::Vec;
 
