@@ -13,7 +13,8 @@
 //!    nearly as well, or fewer than two thirds of the packets are clean and unambiguous.
 //! 4. **Sigma**: `floor^2 + noise^2 / K + (misfit / 2)^2`; only the noise is divided by the number of packets.
 //!
-//! Not flown: `cargo xtask bench` counts it (`cte_packet`). `docs/results/radios.md` has what it comes to on the recording.
+//! The image of `cargo xtask flash --iq` flies by bearings of single packets; bench row `cte_packet`. `docs/results/radios.md` has what
+//! it comes to on the recording.
 
 use core::f32::consts::{PI, TAU};
 

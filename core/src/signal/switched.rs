@@ -10,7 +10,7 @@
 //!    [`crate::doa::switched`] determines.
 //! 3. **Antenna**: the mean of its visits, rotated back by the offset; outliers get little weight (Cauchy's weights).
 //!
-//! Not flown: `cargo xtask bench` counts it (`cte_packet`).
+//! Flown by the image of `cargo xtask flash --iq`; bench row `cte_packet`.
 
 use core::f32::consts::{PI, TAU};
 
