@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::doa::bearing::Flags;
 use foxhound_core::signal::phase;
-use foxhound_papers::multipath;
+use foxhound_sim::tools::looks::{Look, resolve};
 
 use crate::waves::*;
 
@@ -83,23 +83,19 @@ pub(crate) fn passage(turning: bool, random: &mut Random) -> Passage {
 #[test]
 fn a_reflection_at_minus_6_db_costs_less_than_a_degree_over_eight_looks() {
     let (extractor, estimator) = (anywhere().build::<N>().unwrap(), estimator());
-    let config = multipath::Config { move_min_wavelengths: 0.0, ..multipath::Config::default() };
-    let looks = config.build(estimator.array()).unwrap();
     for turning in [false, true] {
         let mut random = Random::new(16);
         let (mut errors, mut single, mut normalised, mut unresolved) = (vec![], vec![], vec![], 0);
         for _ in 0..250 {
             let passage = passage(turning, &mut random);
-            let (mut tone, mut state) = (phase::State::default(), multipath::State::default());
+            let (mut tone, mut looks) = (phase::State::default(), vec![]);
             for (frame, yaw) in passage.frames.iter().zip(&passage.yaws) {
                 let phasors = extractor.step(&mut tone, frame);
                 let bearing = estimator.estimate(&phasors);
-                let yaw_rad = *yaw as f32;
-                let look = multipath::Frame { phasors: &phasors, bearing: &bearing, yaw_rad, position_ned_m: None };
-                assert_eq!(looks.take(&mut state, &look), multipath::Taken::Yes);
+                looks.push(Look { phasors, bearing, yaw_rad: *yaw });
                 single.push(degrees_between(f64::from(bearing.azimuth_rad) + yaw, passage.truth + passage.yaws[7]));
             }
-            let bearing = looks.solve(&state, 1.0).unwrap().bearing;
+            let bearing = resolve(estimator.array(), &looks).unwrap();
             unresolved += usize::from(!bearing.valid);
             let error = degrees_between(f64::from(bearing.azimuth_rad), passage.truth);
             errors.push(error);

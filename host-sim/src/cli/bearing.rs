@@ -36,7 +36,7 @@ from 1 on, repeated; 0: not used), optional sigma_floor_deg.
 as many channels as antennas (real samples) or twice as many (I and Q of each). Array file: wavelength_m, antennas_m, \
 sample_rate_hz, optional tone_band_hz (the occupied band, about zero), sigma_floor_deg.
 
-Looks: of an array that moves, from 4 on, direct path and one reflection are told apart (MUSIC over the looks); others are \
+Looks: of an array that moves, from 4 on, direct path and one reflection are told apart; others are \
 averaged. Where nothing moves and most looks do not fit a plane wave the answer is their median. --yaw gives the heading of the \
 array; the azimuth is that in the body frame of the last look. --switched joins packets of one transmitter, --iq \
 frames. Frames left over at the end are an error (of several transmitters a note).

@@ -2,12 +2,11 @@
 //!
 //! `looks` frames make one answer: the azimuth in the body frame of the last of them.
 //!
-//! - **Four looks and more** are resolved together by [`foxhound_papers::multipath`], which keeps a reflection apart from
-//!   the direct path: forward-backward MUSIC where the yaw does not change, alternating projection where it does, then a
-//!   fit of both. It takes the array and the source to be level and the channels to be calibrated to one degree, and it
-//!   knows no positions; the looks are meant to be a quarter of a wavelength and more apart. It holds
-//!   [`multipath::LOOKS`] looks: more are resolved in equal parts, the parts averaged as below.
-//! - **Fewer**, where frames without a tone do not count, and the paper's estimator: the looks' bearings are carried into
+//! - **Four looks and more** are resolved together by [`looks`](super::looks), which keeps a reflection apart from the direct path. It takes
+//!   the array and the source to be level and the channels to be calibrated to one degree, and it knows no positions; the
+//!   looks are meant to be a quarter of a wavelength and more apart. More than eight are resolved in equal
+//!   parts, the parts averaged as below: over a longer way the beacon does not turn evenly.
+//! - **Fewer**, where frames without a tone do not count, a dead channel, and the paper's estimator: the looks' bearings are carried into
 //!   the world frame by the yaw of each look and averaged as unit vectors, each weighted by `1 / sigma^2`. Sigma is that of
 //!   the weighted mean, widened by the square root of the reduced chi-square when the looks scatter more than their own
 //!   sigmas say, as they do in reflections.
@@ -15,14 +14,15 @@
 use std::f64::consts::PI;
 
 use foxhound_core::base::adc::CHANNELS;
+use foxhound_core::doa::array::Array;
 use foxhound_core::doa::beam::Arrival;
 use foxhound_core::doa::bearing::{self, Bearing, Estimator, Flags};
 use foxhound_core::signal::phase::{self, Complex, Phasors, Tone};
 use foxhound_papers::aoa::AnyBearingEstimator;
-use foxhound_papers::multipath;
 use serde::Serialize;
 
 use super::frames::{ArrayDescription, Recording};
+use super::looks::{Look, resolve};
 use crate::scenario::input::InputError;
 use crate::world::wrap_pi;
 
@@ -143,6 +143,8 @@ impl Line {
     }
 }
 
+/// Most looks that are resolved together.
+const TOGETHER: usize = 8;
 /// Looks of which most differ by less are taken from one place: 8 deg. Recorded ones of a place scatter by 4 deg.
 const STILL_RAD: f32 = 8.0 / 57.295_78;
 /// What a bearing is off by where looks of one place do not fit a plane wave, rms, as recorded.
@@ -174,14 +176,7 @@ fn find_in<const N: usize>(
     let array = description.array.build()?;
     let estimator = AnyBearingEstimator::build(&config, array)?;
     let mut state = phase::State::<N>::default();
-    let resolver = multipath::Config {
-        // The caller vouches for the looks.
-        move_min_wavelengths: 0.0,
-        age_max_s: 3600.0,
-        ..multipath::Config::default()
-    }
-    .build(estimator.array())?;
-    let resolver = (options.estimator == Estimator::CrossSpectrum).then_some(resolver);
+    let resolves = (options.estimator == Estimator::CrossSpectrum).then_some(estimator.array());
     let mut group: Vec<Look> = Vec::with_capacity(looks);
     let mut lines = Vec::with_capacity(recording.frames().len() / looks);
     for (frame, snapshot) in recording.snapshots(description.phase.sample_rate_hz).enumerate() {
@@ -193,7 +188,7 @@ fn find_in<const N: usize>(
         let bearing = description.deviation.apply(&estimator.estimate(&phasors));
         group.push(Look { bearing, phasors, yaw_rad });
         if group.len() == looks {
-            lines.push(Line::new(frame, &answer(resolver.as_ref(), &group)));
+            lines.push(Line::new(frame, &answer(resolves, &group)));
             group.clear();
         }
     }
@@ -214,29 +209,18 @@ pub fn refuse_left(left: usize, count: usize, what: &str, looks: usize) -> Resul
     Err(InputError::new(format!("the last {left} of {count} {what} make no group of {looks}; cut them off")))
 }
 
-/// A frame, heard.
-#[derive(Clone, Copy, Debug)]
-struct Look {
-    phasors: Phasors,
-    bearing: Bearing,
-    yaw_rad: f64,
-}
-
-/// The answer of one group.
-fn answer(resolver: Option<&multipath::Looks>, group: &[Look]) -> Bearing {
+/// The answer of one group, resolved if there is an array for that.
+fn answer(array: Option<&Array>, group: &[Look]) -> Bearing {
     let bearings = || group.iter().map(|look| (look.bearing, look.yaw_rad)).collect::<Vec<_>>();
     if is_still(group) {
         return still(&bearings());
     }
-    let parts = group.len().div_ceil(multipath::LOOKS);
-    let parts = group.chunks(group.len().div_ceil(parts));
-    let resolved = resolver.map(|resolver| parts.map(|part| resolve(resolver, part)).collect::<Vec<_>>());
-    match resolved.as_deref() {
-        Some([Some((bearing, _))]) => *bearing,
-        Some(parts) if parts.iter().all(Option::is_some) => {
-            combine(&parts.iter().flatten().copied().collect::<Vec<_>>())
-        }
-        _ => combine(&bearings()),
+    let parts = group.chunks(group.len().div_ceil(group.len().div_ceil(TOGETHER)));
+    let resolved = |part: &[Look]| Some((resolve(array?, part)?, part.last()?.yaw_rad));
+    match parts.map(resolved).collect::<Option<Vec<_>>>().as_deref() {
+        Some([(bearing, _)]) => *bearing,
+        Some(parts) => combine(parts),
+        None => combine(&bearings()),
     }
 }
 
@@ -280,19 +264,6 @@ fn still(group: &[(Bearing, f64)]) -> Bearing {
     usable.sort_by(|a, b| a.sigma_rad.total_cmp(&b.sigma_rad));
     let sigma_rad = usable[usable.len() / 2].sigma_rad.max(STILL_SIGMA_RAD);
     Bearing { azimuth_rad, sigma_rad, ..mean }
-}
-
-/// The stronger path of some looks in the body frame of the last one, and its yaw; none when fewer than four hold a tone.
-fn resolve(resolver: &multipath::Looks, looks: &[Look]) -> Option<(Bearing, f64)> {
-    let mut state = multipath::State::default();
-    for Look { phasors, bearing, yaw_rad } in looks {
-        let yaw_rad = *yaw_rad as f32;
-        resolver.take(&mut state, &multipath::Frame { phasors, bearing, yaw_rad, position_ned_m: None });
-    }
-    let arrival = resolver.solve(&state, 1.0)?;
-    let last = looks.last()?;
-    let azimuth_rad = wrap_pi(f64::from(arrival.azimuth_ned_rad) - last.yaw_rad) as f32;
-    Some((Bearing { time: last.bearing.time, azimuth_rad, ..arrival.bearing }, last.yaw_rad))
 }
 
 /// Averages bearings, each with its yaw.
@@ -474,7 +445,7 @@ mod tests {
             ..Antennas::default()
         };
         let extractor = phase::Config::default().build::<256>().unwrap();
-        let estimator = bearing::Config::default().build(array::Config::default().build().unwrap()).unwrap();
+        let estimator = bearing::Config::default().build(array()).unwrap();
         let (mut state, mut random) = (phase::State::default(), Random::new(1, 1));
         let look = |k: usize| {
             let (north, yaw_rad) = (0.115 * k as f64, 0.3 * k as f64);
@@ -488,9 +459,8 @@ mod tests {
         (looks, libm::atan2(40.0, 3.0 - 0.115 * (count - 1) as f64))
     }
 
-    fn resolver() -> multipath::Looks {
-        let config = multipath::Config { move_min_wavelengths: 0.0, ..multipath::Config::default() };
-        config.build(&array::Config::default().build().unwrap()).unwrap()
+    fn array() -> Array {
+        array::Config::default().build().unwrap()
     }
 
     #[test]
@@ -504,7 +474,7 @@ mod tests {
             };
             let alone = looks.iter().map(|look| error_deg(&look.bearing, look.yaw_rad)).fold(0.0, f64::max);
             assert!(alone > 5.0, "{count} looks: the worst alone {alone}");
-            let together = answer(Some(&resolver()), &looks);
+            let together = answer(Some(&array()), &looks);
             assert!(together.valid && together.flags.contains(Flags::MULTIPATH), "{count} looks: {together:?}");
             assert!(error_deg(&together, yaw_rad) < bound_deg, "{count} looks: {}", error_deg(&together, yaw_rad));
         }
@@ -514,16 +484,16 @@ mod tests {
     fn looks_without_a_tone_are_left_out_and_fewer_than_four_are_averaged() {
         // The last look is silent: the answer is still for its yaw.
         let (looks, truth_rad) = passage(8, |k| k == 2 || k == 7);
-        let together = answer(Some(&resolver()), &looks);
+        let together = answer(Some(&array()), &looks);
         let error_rad = wrap_pi(f64::from(together.azimuth_rad) + looks[7].yaw_rad - truth_rad);
         assert!(together.valid && error_rad.to_degrees().abs() < 1.0, "{}", error_rad.to_degrees());
         assert!(!together.flags.contains(Flags::NO_SIGNAL));
 
         let (looks, _) = passage(8, |k| k % 3 != 0);
         let average = |looks: &[Look]| combine(&looks.iter().map(|l| (l.bearing, l.yaw_rad)).collect::<Vec<_>>());
-        assert_eq!(answer(Some(&resolver()), &looks), average(&looks));
-        assert_eq!(answer(Some(&resolver()), &looks[..3]), average(&looks[..3]));
+        assert_eq!(answer(Some(&array()), &looks), average(&looks));
+        assert_eq!(answer(Some(&array()), &looks[..3]), average(&looks[..3]));
         assert_eq!(answer(None, &looks), average(&looks));
-        assert!(!answer(Some(&resolver()), &passage(8, |_| true).0).valid);
+        assert!(!answer(Some(&array()), &passage(8, |_| true).0).valid);
     }
 }

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`frames`] | reads recorded frames and the description of the array |
 //! | [`bearings`] | `foxhound bearing` |
+//! | [`looks`] | one direction of several frames, a reflection kept apart |
 //! | [`radio_array`] | the description of the array of another receiver: behind a switch, or with complex samples |
 //! | [`switched`] | `foxhound bearing --switched` |
 //! | [`iq`] | `foxhound bearing --iq` |
@@ -20,6 +21,7 @@ pub(crate) mod hci;
 pub mod iq;
 pub mod listen;
 pub mod live;
+pub mod looks;
 pub mod radio_array;
 mod sigmf;
 pub mod switched;
