@@ -4,7 +4,6 @@
 //! | case | goes through | must hold |
 //! |---|---|---|
 //! | [`frames`] | configurations, snapshots -> phase -> bearing | no panic, no NaN, 0 < sigma <= pi, never valid without a signal |
-//! | [`looks`] | phasors, bearings, poses -> several looks -> arrival | the same, powers and directions in range |
 //! | [`link`](fn@link) | bytes, broken and whole frames, signed and not, outputs, parameters, keys, clocks -> framer and companion | every whole frame is found, nothing is invented; what is sent is well formed and signed where there is a key; a setpoint is what was published last, or that turned after a jump, inside the limits, fresh, and only where the failsafe table says so; with a key nothing unsigned or played back is believed; no parameter is proposed while in control, and what is settled builds and flies |
 //! | [`steer`](fn@steer) | demands to the guard; sensors, controls and clocks through guidance and all planners -> setpoints, plans | finite and inside the limits of speed, acceleration, jerk, yaw rate and altitude; nothing without control; every plan finite |
 //! | [`filters`](fn@filters) | sightings, walls, powers, looks, points, circles -> filters of the source, bank, seeking, link state, walls, search | finite; every covariance symmetric and positive; probabilities, directions and targets in range |
@@ -13,17 +12,14 @@
 //! | [`radio`](fn@radio) | bytes, IQ reports and lines of angles whole and broken -> measurements of direction finders | no panic; every whole report behind a whole one is found; fields in range |
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
-use std::sync::OnceLock;
 
 use foxhound_core::base::adc::{AdcFrame, CHANNELS};
-use foxhound_core::base::ned::Ned;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array;
 use foxhound_core::doa::bearing::{self, Bearing, Estimator, Flags};
-use foxhound_core::signal::phase::{self, Complex, Phasors, Tone};
+use foxhound_core::signal::phase::{self, Complex, Phasors};
 use foxhound_core::signal::spectrum::Backend;
 use foxhound_papers::aoa::AnyBearingEstimator;
-use foxhound_papers::multipath::{self, Frame};
 
 mod filters;
 mod lidar;
@@ -308,105 +304,4 @@ fn frames_of<const N: usize>(draw: &mut Draw<'_>) -> Reached {
         reached.usable += u32::from(bearing.valid);
     }
     reached
-}
-
-/// Any looks through any configuration: phasors and bearings that no front end made, then several looks.
-pub fn looks(case: &[u8]) -> Reached {
-    let draw = &mut Draw { rest: case };
-    let (array, bearing) = (array_config(draw), bearing_config(draw));
-    let config = multipath::Config {
-        looks_min: if draw.flag() { 2 } else { draw.byte() },
-        looks_max: if draw.flag() { 8 } else { draw.byte() },
-        move_min_wavelengths: draw.field(0.0, 0.0, 1.0),
-        age_max_s: draw.field(60.0, 0.0, 10.0),
-        channel_sigma_rad: draw.field(0.0175, 0.0, 0.35),
-    };
-    let Ok(array) = array.build() else { return Reached::default() };
-    let (Ok(estimator), Ok(looks)) = (AnyBearingEstimator::build(&bearing, array), config.build(&array)) else {
-        return Reached::default();
-    };
-    let mut reached = Reached { configured: true, ..Reached::default() };
-    let mut state = multipath::State::default();
-    let mut now = Instant(0);
-    let paths = [draw.unit() * TAU, draw.unit() * TAU];
-    let mut yaw_rad = draw.any(-PI, PI);
-    for _ in 0..=draw.below(14) {
-        now = draw.instant(now);
-        if draw.below(4) == 0 {
-            yaw_rad = draw.any(-PI, PI);
-        }
-        let (phasors, mut bearing) = look(draw, &estimator, paths, yaw_rad, now);
-        match draw.below(32) {
-            0 => bearing.azimuth_rad = draw.any(-PI, PI),
-            1 => bearing.sigma_rad = draw.any(0.0, PI),
-            2 => bearing.flags = Flags(draw.word() as u16),
-            _ => {}
-        }
-        let metres = draw.field(10.0, 0.0, 100.0);
-        let mut coordinate = || draw.any(-metres, metres);
-        let position_ned_m = Ned { north: coordinate(), east: coordinate(), down: coordinate() };
-        let position_ned_m = draw.flag().then_some(position_ned_m);
-        let _ = looks.take(&mut state, &Frame { phasors: &phasors, bearing: &bearing, yaw_rad, position_ned_m });
-        assert!(state.count() <= multipath::LOOKS);
-        let Some(arrival) = looks.solve(&state, draw.any(0.0, 1.0)) else {
-            assert!(state.count() < usize::from(config.looks_min));
-            continue;
-        };
-        check_bearing(&arrival.bearing);
-        assert!(arrival.azimuth_ned_rad.abs() <= PI + 1e-6, "{arrival:?}");
-        if let Some(reflection) = arrival.reflection {
-            assert!(reflection.azimuth_ned_rad.abs() <= PI + 1e-6, "{arrival:?}");
-            assert!((0.0..=1.0).contains(&reflection.relative_power), "{arrival:?}");
-        }
-        assert_eq!(usize::from(arrival.looks), state.count());
-        reached.answers += 1;
-        reached.usable += u32::from(arrival.bearing.valid);
-    }
-    reached
-}
-
-/// One look at two paths, or at nothing that there is.
-fn look(
-    draw: &mut Draw<'_>,
-    estimator: &AnyBearingEstimator,
-    paths_rad: [f32; 2],
-    yaw_rad: f32,
-    time: Instant,
-) -> (Phasors, Bearing) {
-    let steering = estimator.array().steering;
-    let (amplitude, ratio, turn_rad) = (draw.field(1000.0, 0.0, 2047.0), draw.unit(), draw.unit() * TAU);
-    let path = |p: [f32; 2], azimuth_rad: f32| {
-        let phase_rad = p[0] * (azimuth_rad - yaw_rad).cos() + p[1] * (azimuth_rad - yaw_rad).sin();
-        Complex { re: phase_rad.cos(), im: phase_rad.sin() }
-    };
-    let reflected = Complex { re: ratio * turn_rad.cos(), im: ratio * turn_rad.sin() };
-    let mut noise = Noise(u64::from(draw.word()));
-    let sigma = draw.field(5.0, 0.0, 500.0);
-    let mut z = steering.map(|p| {
-        let sum = path(p, paths_rad[0]).plus(path(p, paths_rad[1]).times(reflected));
-        Complex { re: amplitude * sum.re + sigma * noise.gaussian(), im: amplitude * sum.im + sigma * noise.gaussian() }
-    });
-    if draw.below(16) == 0 {
-        z[usize::from(draw.below(4))] = Complex { re: draw.any(-1e3, 1e3), im: draw.any(-1e3, 1e3) };
-    }
-    let mut phasors = silence();
-    phasors.time = time;
-    phasors.z = z;
-    phasors.noise = [2.0 * sigma * sigma; CHANNELS];
-    if draw.below(16) == 0 {
-        phasors.noise[usize::from(draw.below(4))] = draw.any(-1e3, 1e6);
-    }
-    phasors.tone = if draw.below(16) == 0 { Tone::Absent } else { Tone::Present };
-    let bearing = estimator.estimate(&phasors);
-    check_bearing(&bearing);
-    (phasors, bearing)
-}
-
-/// The phasors of silence.
-fn silence() -> Phasors {
-    static SILENCE: OnceLock<Phasors> = OnceLock::new();
-    *SILENCE.get_or_init(|| match phase::Config::default().build::<64>() {
-        Ok(extractor) => extractor.step(&mut phase::State::default(), &AdcFrame::zeroed()),
-        Err(error) => unreachable!("the default configuration: {error}"),
-    })
 }

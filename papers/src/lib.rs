@@ -11,7 +11,6 @@
 //! | main paper | [`apf`] | Algorithm 2; eq. 47 as a distance; the plain field; descent by the gradient | eq. 47 as a signed offset; steps of a fixed length, whole or in quarters | `foxhound reproduce apf-density`; `--planner` |
 //! | variants paper | [`apf`] | Khatib's, Rizqi's and Sun's fields and the virtual force | signs, directions and powers where forces and potentials contradict each other | `foxhound reproduce apf-variants` |
 //! | mmWave paper | [`filters`] | the Cartesian filter, and both filters behind a wall | the polar filter behind walls that are known | `foxhound reproduce localize` |
-//! | none: ours | [`multipath`] | MUSIC over several looks | two paths by maximum likelihood | `foxhound bearing --looks` |
 //!
 //! Other parts of the papers fly, or are shared with parts that fly, and are in the core: the potential field and the
 //! sampling of the main paper (`planning`), the belief planner of the mmWave paper (`planning::ilqr`), the turning
@@ -40,7 +39,6 @@ extern crate std;
 pub mod aoa;
 pub mod apf;
 pub mod filters;
-pub mod multipath;
 mod systems;
 
 pub use systems::AllSystems;

@@ -3,7 +3,7 @@
 #[path = "../../fuzz/src/lib.rs"]
 pub mod properties;
 
-use properties::{Reached, filters, frames, lidar, link, looks, pad, radio, steer};
+use properties::{Reached, filters, frames, lidar, link, pad, radio, steer};
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -29,13 +29,6 @@ fn run(property: fn(&[u8]) -> Reached, cases: u64, longest: u32) -> (u64, Reache
 fn any_frames_and_configurations_give_finite_bearings_with_a_sigma() {
     let (configured, sum) = run(frames, 4000, 2000);
     assert!(configured > 1000 && sum.usable > 500, "too shallow: {configured} configured, {sum:?}");
-}
-
-/// Any frames of a moving array give finite directions with a sigma.
-#[test]
-fn any_looks_give_finite_arrivals_with_a_sigma() {
-    let (configured, sum) = run(looks, 8000, 2000);
-    assert!(configured > 1000 && sum.usable > 1000, "too shallow: {configured} configured, {sum:?}");
 }
 
 /// Any bytes leave the link in a valid state, and its own frames are whole.
