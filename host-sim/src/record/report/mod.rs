@@ -1,12 +1,12 @@
 //! The report of a flight: one self-contained HTML file that works offline.
 //!
-//! A [`Recorder`] watches the flight and makes records. A file's are collected in [`Kept`],
-//! which thins those of a long flight, packed as columns of whole numbers, and unpacked by the page's script, which
-//! takes them one by one with its function `add`. Those of a live flight arrive as they are made, a line of JSON each ([`Live`]).
+//! A [`Recorder`] watches the flight and makes records, a line of JSON each. A file's are collected in [`Kept`],
+//! which thins those of a long flight, and stand in the page kind by kind, as gzip, as Base64; the page's script takes them one by one
+//! with its function `add`. Those of a live flight arrive as they are made ([`Live`]).
 //!
 //! | file | content |
 //! |---|---|
-//! | `record.rs`, `keep.rs`, `pack.rs` | the records; which of them a file holds, and how |
+//! | `record.rs`, `keep.rs` | the records; which of them a file holds |
 //! | `signal.rs`, `picture.rs` | records of what was heard and seen |
 //! | `page/page.html`, `page.css` | layout and style: light, dark, narrow |
 //! | `page/unpack.js`, `data.js` | the records of a file; `add(record)`, and the state at a time |
@@ -17,8 +17,12 @@
 //!
 //! The page of the built-in mission is below 300 kB, that of an hour below 5 MB (`tests/cli/report.rs`).
 
-use std::io;
+use std::io::{self, Write as _};
 use std::path::Path;
+
+use base64::prelude::{BASE64_STANDARD, Engine as _};
+use flate2::Compression;
+use flate2::write::GzEncoder;
 
 use crate::scenario::input::InputError;
 use crate::scenario::output;
@@ -26,7 +30,6 @@ use crate::scenario::output;
 mod beside;
 mod keep;
 mod live;
-mod pack;
 mod picture;
 pub(crate) mod record;
 mod recorder;
@@ -73,9 +76,19 @@ enum Contact {
 /// The page with these records in it.
 ///
 /// # Errors
-/// The records cannot be packed.
+/// None that is known: the bytes are written to memory.
 pub fn page(records: &[Record]) -> io::Result<String> {
-    Ok(page_of(&pack::pack(records)?, Contact::None))
+    // Those of a kind stand together, which makes the file smaller.
+    let mut sorted: Vec<&Record> = records.iter().collect();
+    sorted.sort_by_key(|record| record.rank());
+    let mut lines = Vec::new();
+    for record in sorted {
+        serde_json::to_writer(&mut lines, record)?;
+        lines.push(b'\n');
+    }
+    let mut gzip = GzEncoder::new(Vec::new(), Compression::best());
+    gzip.write_all(&lines)?;
+    Ok(page_of(&BASE64_STANDARD.encode(gzip.finish()?), Contact::None))
 }
 
 fn page_of(records: &str, contact: Contact) -> String {

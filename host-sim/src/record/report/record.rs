@@ -2,7 +2,7 @@
 //! `kind`.
 //!
 //! In the frame of a scenario file: x east and y north, metres, seconds, degrees from north clockwise. Numbers are
-//! rounded to what a picture can show, a millimetre and a hundredth of a degree; a missing number is left out, so
+//! rounded to what a picture can show, a millimetre, a centimetre a second and a hundredth of a degree; a missing number is left out, so
 //! that a record never holds NaN.
 
 use foxhound_core::base::ned;
@@ -38,6 +38,24 @@ pub enum Record {
     Picture(Picture),
     Thinned(Thinned),
     End(End),
+}
+
+impl Record {
+    /// Where a file has it: after the header, before the end, beside those of its kind.
+    pub(super) const fn rank(&self) -> u8 {
+        match self {
+            Self::Begin(_) => 0,
+            Self::Step(_) => 1,
+            Self::Remembered(_) => 2,
+            Self::People(_) => 3,
+            Self::Tracks(_) => 4,
+            Self::Plan(_) => 5,
+            Self::Signal(_) => 6,
+            Self::Picture(_) => 7,
+            Self::Thinned(_) => 8,
+            Self::End(_) => 9,
+        }
+    }
 }
 
 /// A position or a vector: east, north.
@@ -352,7 +370,12 @@ pub(super) fn rounded(value: f64, places: i32) -> f64 {
     libm::rint(value * scale) / scale + 0.0
 }
 
-/// To a millimetre, or a millimetre a second.
+/// To a centimetre a second.
+pub(super) fn centi(value: f64) -> f64 {
+    rounded(value, 2)
+}
+
+/// To a millimetre.
 pub(super) fn milli(value: f64) -> f64 {
     rounded(value, 3)
 }

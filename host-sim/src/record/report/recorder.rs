@@ -15,7 +15,7 @@ use serde_json::Value;
 use super::picture::Pictures;
 use super::record::{
     Bearing, Begin, Belief, End, Field, Gains, Landing, Origin, Parameter, People, Plan, Record, Remembered, Sample,
-    Step, Track, Tracks, VERSION, circles, core_xy, degrees, finite, guard, guard_reason, milli, rounded, xy,
+    Step, Track, Tracks, VERSION, centi, circles, core_xy, degrees, finite, guard, guard_reason, milli, rounded, xy,
 };
 use super::signal::{self, Signals};
 use crate::drive::computer::{Considered, HostComputer};
@@ -29,8 +29,8 @@ const MOVING_STEPS: u64 = 5;
 /// What is heard is recorded every so many steps: 5 Hz.
 const SIGNAL_STEPS: u64 = 10;
 /// Half the side of the raster of the potential, in steps, and the step: a little more than the horizon.
-const FIELD_HALF: i32 = 22;
-const FIELD_STEP_M: f32 = 0.1;
+const FIELD_HALF: i32 = 11;
+const FIELD_STEP_M: f32 = 0.2;
 /// Places with less than this share of the largest weight are left out.
 const PLACE_MIN: f32 = 1e-2;
 
@@ -205,11 +205,11 @@ fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
         place_m: xy(sample.position),
         height_m: milli(-sample.down_m),
         yaw_deg: degrees(sample.yaw_rad),
-        velocity_mps: xy(Horizontal { north, east }),
-        climb_mps: milli(-down_mps),
-        setpoint_mps: core_xy(output.setpoint.velocity_ned_mps.horizontal()),
-        setpoint_climb_mps: milli(-f64::from(output.setpoint.velocity_ned_mps.down)),
-        yaw_rate_degps: degrees(f64::from(output.setpoint.yaw_rate_radps)),
+        velocity_mps: xy(Horizontal { north, east }).map(centi),
+        climb_mps: centi(-down_mps),
+        setpoint_mps: core_xy(output.setpoint.velocity_ned_mps.horizontal()).map(centi),
+        setpoint_climb_mps: centi(-f64::from(output.setpoint.velocity_ned_mps.down)),
+        yaw_rate_degps: rounded(degrees(f64::from(output.setpoint.yaw_rate_radps)), 1),
         evasion_mps: computer.inside().and_then(|one| one.state().evasion_ned_mps()).map(core_xy),
         outcome: output.outcome.name(),
         guard: guard(output.guard),
@@ -219,7 +219,10 @@ fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
         truth_deg: to_source.map(|to_source| degrees(to_source.bearing_rad())),
         truth_m: to_source.map(|to_source| milli(to_source.norm())),
         heard,
-        followed_deg: output.source_bearing_ned_rad.filter(|rad| rad.is_finite()).map(|rad| degrees(f64::from(rad))),
+        followed_deg: output
+            .source_bearing_ned_rad
+            .filter(|rad| rad.is_finite())
+            .map(|rad| rounded(degrees(f64::from(rad)), 1)),
         source_m: output.source.map(|source| core_xy(source.place_ned_m)),
         source_sigma_m: output.source.and_then(|source| finite(source.sigma_m)),
         target_m: output.target_ned_m.map(core_xy),
@@ -329,7 +332,7 @@ fn potential(config: &planner::Config, plan: &planner::Plan, obstacles: &[Obstac
         let field = apf::Field { law: config.law, gains };
         let value = |(row, column)| {
             let place = ned::Horizontal { north: start.north + offset(row), east: start.east + offset(column) };
-            rounded(f64::from(field.potential(place, plan.target_ned_m, obstacles)), 3)
+            rounded(f64::from(field.potential(place, plan.target_ned_m, obstacles)), 2)
         };
         let side = -FIELD_HALF..=FIELD_HALF;
         side.clone().flat_map(|row| side.clone().map(move |column| (row, column))).map(value).collect()
