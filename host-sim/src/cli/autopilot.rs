@@ -27,7 +27,8 @@ const AUTOPILOT_HELP: &str = "Examples:
   foxhound companion --autopilot tcp:127.0.0.1:5760 --source 8,0,-5
 
 It begins armed, in the air, in LOITER or Hold. Its pilot gives control (GUIDED, OFFBOARD) 2 s after a companion is heard, and \
-takes it back when none is heard any more; a ground station may change the mode, arm and take off as usual. It ends with Ctrl-C. With --json the first line has the address for \
+takes it back when none is heard any more; a ground station may change the mode, arm and take off as usual. It obeys the setpoints that `foxhound companion` sends, velocities of \
+LOCAL_NED with a yaw rate or a yaw, and no other frame or type mask. It ends with Ctrl-C. With --json the first line has the address for \
 `companion --autopilot`, the last one where the vehicle ended and which setpoints it received.";
 
 /// Physics go on in steps of this length.

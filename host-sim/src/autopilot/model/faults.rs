@@ -105,14 +105,10 @@ impl Autopilot {
     }
 
     /// The estimator's position jumps, NED in metres; the vehicle stays where it is. PX4 counts it in
-    /// `ODOMETRY.reset_counter` \[src\], ArduPilot does not report it. Both shift the positions that they hold or fly
-    /// to \[src\]. `tells_origin`: a new `GPS_GLOBAL_ORIGIN` is broadcast.
+    /// `ODOMETRY.reset_counter` \[src\], ArduPilot does not report it. `tells_origin`: a new `GPS_GLOBAL_ORIGIN` is broadcast.
     pub fn jump(&mut self, now_us: u64, step_ned_m: [f64; 3], tells_origin: bool) {
         for (axis, step) in step_ned_m.into_iter().enumerate() {
             self.flight.offset_ned_m[axis] += step;
-        }
-        if let Some(goal) = &mut self.flight.goal {
-            goal.shift(step_ned_m);
         }
         self.flight.resets = self.flight.resets.wrapping_add(1);
         if tells_origin {

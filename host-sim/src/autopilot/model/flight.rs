@@ -1,5 +1,7 @@
 //! Commands to the vehicle: goals of a companion, and the autopilot's own flight.
 
+use foxhound_link::dialect::SET_POSITION_TARGET_LOCAL_NED_DATA;
+
 use super::Autopilot;
 use crate::scenario::Software;
 use crate::world::vehicle::{Command, Motion};
@@ -19,13 +21,14 @@ const CLIMB_SPEED_MPS: f64 = 1.0;
 const CRUISE_SPEED_MPS: f64 = 5.0;
 const HOME_M: f64 = 0.5;
 const POSITION_GAIN: f64 = 1.0;
-/// An acceleration is followed by the velocity that it leads to in this time.
-const ACCELERATION_S: f64 = 0.5;
 const YAW_GAIN: f64 = 2.0;
 /// `ATC_SLEW_YAW`, 60 deg/s \[mem\].
 const YAW_RATE_MAX_RADPS: f64 = 1.05;
-/// Slower than this there is no direction of travel.
-const TRAVEL_MPS: f64 = 0.2;
+/// `MAV_FRAME_LOCAL_NED`.
+pub(super) const LOCAL_NED: u8 = 1;
+/// The masks of velocity and yaw rate, and of velocity and yaw.
+const YAW_RATE_MASK: u16 = 0x05C7;
+const YAW_MASK: u16 = 0x09C7;
 
 /// Behaviour of a mode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,59 +45,47 @@ pub(super) enum Behaviour {
 /// Where the nose turns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Yaw {
-    Hold,
     Rate(f64),
     Angle(f64),
-    /// To the direction of travel.
-    Travel,
 }
 
-/// A companion's request: each axis by position, velocity, acceleration or not at all.
+impl Yaw {
+    pub(super) fn is_finite(self) -> bool {
+        let (Self::Rate(x) | Self::Angle(x)) = self;
+        x.is_finite()
+    }
+}
+
+/// A companion's request.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Goal {
     pub(super) since_us: u64,
-    /// In the estimator's frame.
-    pub(super) position_ned_m: [Option<f64>; 3],
-    pub(super) velocity_ned_mps: [Option<f64>; 3],
-    pub(super) acceleration_ned_mps2: [Option<f64>; 3],
+    pub(super) velocity_ned_mps: [f64; 3],
     pub(super) yaw: Yaw,
 }
 
 impl Goal {
-    pub(super) fn shift(&mut self, step_ned_m: [f64; 3]) {
-        for (place, step) in self.position_ned_m.iter_mut().zip(step_ned_m) {
-            *place = place.map(|place| place + step);
-        }
+    /// That of a setpoint, if it has one of the two forms that Foxhound sends.
+    pub(super) fn of(since_us: u64, target: &SET_POSITION_TARGET_LOCAL_NED_DATA) -> Option<Self> {
+        let yaw = match (target.coordinate_frame, target.type_mask) {
+            (LOCAL_NED, YAW_RATE_MASK) => Yaw::Rate(f64::from(target.yaw_rate)),
+            (LOCAL_NED, YAW_MASK) => Yaw::Angle(f64::from(target.yaw)),
+            _ => return None,
+        };
+        let velocity_ned_mps = [target.vx, target.vy, target.vz].map(f64::from);
+        Some(Self { since_us, velocity_ned_mps, yaw })
     }
 
-    /// The command to follow it from the estimated position.
+    /// The command to follow it with the estimated yaw.
     pub(super) fn command(&self, estimate: &Motion) -> Command {
-        let velocity_ned_mps = std::array::from_fn(|axis| {
-            let feed_mps = self.velocity_ned_mps[axis].unwrap_or(0.0);
-            match (self.position_ned_m[axis], self.acceleration_ned_mps2[axis]) {
-                (Some(place), _) => {
-                    let error_m = place - estimate.pose.position_ned_m[axis];
-                    let limit_mps = if axis == 2 { CLIMB_SPEED_MPS } else { CRUISE_SPEED_MPS };
-                    (POSITION_GAIN * error_m).clamp(-limit_mps, limit_mps) + feed_mps
-                }
-                (None, Some(acceleration)) if self.velocity_ned_mps[axis].is_none() => {
-                    estimate.velocity_ned_mps[axis] + acceleration * ACCELERATION_S
-                }
-                _ => feed_mps,
-            }
-        });
-        let toward = |angle_rad: f64| {
-            let error_rad = wrap_pi(angle_rad - estimate.pose.yaw_rad);
-            (YAW_GAIN * error_rad).clamp(-YAW_RATE_MAX_RADPS, YAW_RATE_MAX_RADPS)
-        };
-        let [north, east, _] = velocity_ned_mps;
         let yaw_rate_radps = match self.yaw {
             Yaw::Rate(rate_radps) => rate_radps,
-            Yaw::Angle(angle_rad) => toward(angle_rad),
-            Yaw::Travel if libm::hypot(north, east) > TRAVEL_MPS => toward(libm::atan2(east, north)),
-            Yaw::Hold | Yaw::Travel => 0.0,
+            Yaw::Angle(angle_rad) => {
+                let error_rad = wrap_pi(angle_rad - estimate.pose.yaw_rad);
+                (YAW_GAIN * error_rad).clamp(-YAW_RATE_MAX_RADPS, YAW_RATE_MAX_RADPS)
+            }
         };
-        Command { velocity_ned_mps, yaw_rate_radps, is_brake: false }
+        Command { velocity_ned_mps: self.velocity_ned_mps, yaw_rate_radps, is_brake: false }
     }
 }
 

@@ -4,17 +4,15 @@ use foxhound_link::MessageData;
 use foxhound_link::dialect::{
     ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, BATTERY_STATUS_DATA, EKF_STATUS_REPORT_DATA, ESTIMATOR_STATUS_DATA,
     EXTENDED_SYS_STATE_DATA, EkfStatusFlags, FENCE_STATUS_DATA, GPS_GLOBAL_ORIGIN_DATA, HEARTBEAT_DATA,
-    LOCAL_POSITION_NED_DATA, MavLandedState, MavMessage, ODOMETRY_DATA, POSITION_TARGET_LOCAL_NED_DATA,
-    RC_CHANNELS_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+    LOCAL_POSITION_NED_DATA, MavLandedState, MavMessage, ODOMETRY_DATA, RC_CHANNELS_DATA, SYS_STATUS_DATA,
+    SYSTEM_TIME_DATA,
 };
 
-use super::arducopter::{ACCELERATION_BITS, GUIDED, POSITION_BITS, VELOCITY_BITS, YAW_BIT, YAW_RATE_BIT};
-use super::flight::{Behaviour, Goal};
-use super::{Autopilot, px4};
+use super::Autopilot;
+use super::flight::{Behaviour, LOCAL_NED};
 use crate::scenario::Software;
 use crate::world::vehicle::Motion;
 
-const LOCAL_NED: u8 = 1;
 const BODY_FRD: u8 = 12;
 /// Origin of the local frame, in 1e-7 degrees and millimetres: the airfield of ArduPilot's simulation.
 const ORIGIN: (i32, i32, i32) = (-353_632_621, 1_491_652_374, 584_000);
@@ -136,7 +134,6 @@ impl Autopilot {
                 ..Default::default()
             }),
             RC_CHANNELS_DATA::ID => MavMessage::RC_CHANNELS(self.channels(time_boot_ms)),
-            POSITION_TARGET_LOCAL_NED_DATA::ID => MavMessage::POSITION_TARGET_LOCAL_NED(self.readback(now_us)?),
             _ => return None,
         })
     }
@@ -212,54 +209,6 @@ impl Autopilot {
             chan18_raw: us[17],
             rssi: if is_heard { 200 } else { 0 },
         }
-    }
-
-    /// Its target. ArduCopter: in GUIDED only, always frame 1, with masks of its own and without yaw \[issue:
-    /// ardupilot#13932, #8686, PR#10753\]. PX4: mask zero, uncontrolled values are NaN \[mem\].
-    fn readback(&self, now_us: u64) -> Option<POSITION_TARGET_LOCAL_NED_DATA> {
-        let axes = |vector: [Option<f64>; 3], nothing: f32| vector.map(|x| x.map_or(nothing, |x| x as f32));
-        let standing = Goal {
-            since_us: now_us,
-            position_ned_m: [None; 3],
-            velocity_ned_mps: [Some(0.0); 3],
-            acceleration_ned_mps2: [None; 3],
-            yaw: super::flight::Yaw::Hold,
-        };
-        let (goal, type_mask, nothing) = match self.software {
-            Software::ArduCopter => {
-                (self.custom_mode == GUIDED).then_some(())?;
-                let is_fresh = self.arducopter_command(now_us).is_some();
-                let goal = self.flight.goal.filter(|_| is_fresh).unwrap_or(standing);
-                let ignored = |vector: [Option<f64>; 3], bits| if vector[0].is_none() { bits } else { 0 };
-                let mask = ignored(goal.position_ned_m, POSITION_BITS)
-                    | ignored(goal.velocity_ned_mps, VELOCITY_BITS)
-                    | ignored(goal.acceleration_ned_mps2, ACCELERATION_BITS);
-                (goal, mask | YAW_BIT | YAW_RATE_BIT, 0.0)
-            }
-            Software::Px4 => {
-                let is_obeyed = self.custom_mode == px4::OFFBOARD;
-                (self.flight.goal.filter(|_| is_obeyed).unwrap_or(standing), 0, f32::NAN)
-            }
-        };
-        let [x, y, z] = axes(goal.position_ned_m, nothing);
-        let [vx, vy, vz] = axes(goal.velocity_ned_mps, nothing);
-        let [afx, afy, afz] = axes(goal.acceleration_ned_mps2, nothing);
-        Some(POSITION_TARGET_LOCAL_NED_DATA {
-            time_boot_ms: self.boot_ms(now_us),
-            coordinate_frame: LOCAL_NED,
-            type_mask,
-            x,
-            y,
-            z,
-            vx,
-            vy,
-            vz,
-            afx,
-            afy,
-            afz,
-            yaw: 0.0,
-            yaw_rate: 0.0,
-        })
     }
 }
 

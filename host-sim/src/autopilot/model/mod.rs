@@ -9,10 +9,12 @@
 //! |---|---|---|
 //! | obeys setpoints in | GUIDED, armed, not landed | OFFBOARD, armed |
 //! | enters that mode | always | with a stream of setpoints fresher than `COM_OF_LOSS_T` |
-//! | frames | 1, 7, 8, 9; others stop it | 1, 8; others are refused |
-//! | one axis ignored | the whole vector is ignored | the axis is not controlled |
+//! | setpoints other than Foxhound's | stop it | are refused |
 //! | the stream ends | brakes after `GUID_TIMEOUT`, stays | Hold after `COM_OF_LOSS_T`, then `COM_OBL_RC_ACT` |
 //! | streams without request | heartbeats | many |
+//!
+//! Setpoints are those of a Foxhound companion: frame 1 with a velocity, and a yaw rate (mask 0x05C7) or a yaw (0x09C7). The real autopilots
+//! obey other frames and masks, too; their target is not read back.
 //!
 //! The vehicle itself is [`crate::world::vehicle`]; [`Autopilot::command`] is its command. Not modelled: missions
 //! (AUTO holds), sticks (manual modes hold), obstacle avoidance, falling (a vehicle disarmed in the air stays there),
@@ -79,9 +81,6 @@ pub struct Autopilot {
     pub armed: bool,
     /// Injected faults.
     pub faults: Faults,
-    /// PX4 v1.12: velocities of `BODY_NED` are turned by the full attitude, so that a nose that pitches down to fly
-    /// forward makes it descend \[src, fixed by PX4 PR#17958\].
-    pub body_ned_by_full_attitude: bool,
     /// Its own proximity sensor, if it has one.
     pub proximity: Option<Proximity>,
     parameters: Parameters,
@@ -121,7 +120,6 @@ impl Autopilot {
             custom_mode,
             armed: start != Start::Parked,
             faults: Faults::default(),
-            body_ned_by_full_attitude: false,
             proximity: None,
             parameters: Parameters::of(software),
             streams: Streams::of(software),

@@ -32,7 +32,6 @@ impl Parameters {
             // GUID_TIMEOUT: 3.0 s, 0.1 to 5 [src].
             Software::ArduCopter => &[
                 ("GUID_TIMEOUT", 3.0, REAL32),
-                ("WP_YAW_BEHAVIOR", 2.0, INT8),
                 ("RTL_ALT", 1500.0, INT32),
                 ("FS_GCS_ENABLE", 0.0, INT8),
                 ("FENCE_ENABLE", 0.0, INT8),

@@ -2,11 +2,10 @@
 
 use foxhound_link::dialect::{MavSeverity, MavState, SET_POSITION_TARGET_LOCAL_NED_DATA};
 
-use crate::world::vehicle::{Command, Motion};
+use crate::world::vehicle::Command;
 
 use super::Autopilot;
-use super::arducopter::{ACCELERATION_BITS, FORCE_BIT, VELOCITY_BITS, YAW_BIT, YAW_RATE_BIT};
-use super::flight::{Behaviour, Goal, Yaw};
+use super::flight::{Behaviour, Goal, LOCAL_NED, Yaw};
 
 /// Encodes a mode as HEARTBEAT does: main mode in the third byte, sub mode in the fourth \[src: `px4_custom_mode.h`;
 /// run\].
@@ -41,9 +40,6 @@ const BLIND_MODES: [u32; 3] = [ALTITUDE, LAND, STABILIZED];
 /// `PX4/PX4-user_guide#1690`\].
 const OFFBOARD_WITHOUT_RC: u32 = 4;
 
-const LOCAL_NED: u8 = 1;
-const BODY_NED: u8 = 8;
-
 impl Autopilot {
     pub(super) fn px4_status(&self) -> MavState {
         match (self.armed, self.flight.is_in_failsafe) {
@@ -57,7 +53,7 @@ impl Autopilot {
     /// OFFBOARD; in OFFBOARD it is obeyed, too \[src: `handle_message_set_position_target_local_ned`\]. An invalid
     /// one is reported as a text and changes nothing: the setpoint before it stays in use.
     pub(super) fn px4_target(&mut self, now_us: u64, target: &SET_POSITION_TARGET_LOCAL_NED_DATA) {
-        match goal(now_us, target, &self.flight.estimate(), self.body_ned_by_full_attitude) {
+        match goal(now_us, target) {
             Ok(goal) => {
                 self.flight.stream_us = Some(now_us);
                 if self.custom_mode == OFFBOARD {
@@ -71,14 +67,11 @@ impl Autopilot {
         }
     }
 
-    /// A setpoint that is not finite where it controls, or has only one of north and east, is replaced by standing still
-    /// \[src: `PositionControl::_inputValid` and the failsafe setpoint\].
+    /// A setpoint with an axis that is not finite is replaced by standing still \[src: `PositionControl::_inputValid` and the failsafe
+    /// setpoint\].
     pub(super) fn px4_command(&self, now_us: u64) -> Option<Command> {
         let goal = self.flight.goal.filter(|_| self.stream_is_fresh(now_us))?;
-        let vectors = [goal.position_ned_m, goal.velocity_ned_mps, goal.acceleration_ned_mps2];
-        let every_axis = (0..3).all(|axis| vectors.iter().any(|vector| vector[axis].is_some()));
-        let in_pairs = vectors.iter().all(|[north, east, _]| north.is_some() == east.is_some());
-        if !every_axis || !in_pairs {
+        if !goal.velocity_ned_mps.iter().all(|v| v.is_finite()) {
             return None;
         }
         let command = goal.command(&self.flight.estimate());
@@ -159,65 +152,15 @@ pub(super) const fn behaviour(mode: u32) -> Behaviour {
     }
 }
 
-/// The command of a setpoint, or why it is refused \[src\]:
-///
-/// - frames `LOCAL_NED` and `BODY_NED` only; in the latter no place, and one ignored axis ignores the whole vector;
-/// - in `LOCAL_NED` each axis counts by itself; ignored or not a number means not controlled;
-/// - velocities of `BODY_NED` are turned by the yaw alone since PR#17958, accelerations by the full attitude
-///   \[issue: PX4#23255\];
-/// - no forces; yaw alone is invalid;
-/// - yaw is absolute in every frame; without yaw and yaw rate the nose stays.
-fn goal(
-    now_us: u64,
-    target: &SET_POSITION_TARGET_LOCAL_NED_DATA,
-    estimate: &Motion,
-    by_full_attitude: bool,
-) -> Result<Goal, String> {
-    let mask = target.type_mask;
-    let vectors: [[f32; 3]; 3] =
-        [[target.x, target.y, target.z], [target.vx, target.vy, target.vz], [target.afx, target.afy, target.afz]];
-    let axis =
-        |bit: usize| Some(f64::from(vectors[bit / 3][bit % 3])).filter(|x| mask & 1 << bit == 0 && x.is_finite());
-    let raw = |index: usize| vectors[index].map(f64::from);
-    let turned = |vector: [f64; 3]| vector.map(|x| x.is_finite().then_some(x));
-    let [position_ned_m, velocity_ned_mps, acceleration_ned_mps2] = match target.coordinate_frame {
-        LOCAL_NED => [0, 3, 6].map(|first| [axis(first), axis(first + 1), axis(first + 2)]),
-        BODY_NED => {
-            let attitude = if by_full_attitude { from_body(estimate, raw(1)) } else { from_heading(estimate, raw(1)) };
-            let velocity = if mask & VELOCITY_BITS == 0 { turned(attitude) } else { [None; 3] };
-            let acceleration =
-                if mask & ACCELERATION_BITS == 0 { turned(from_body(estimate, raw(2))) } else { [None; 3] };
-            [[None; 3], velocity, acceleration]
-        }
-        frame => return Err(format!("coordinate frame {frame} unsupported")),
-    };
-    let has = |vector: [Option<f64>; 3]| vector.iter().any(Option::is_some);
-    if has(acceleration_ned_mps2) && mask & FORCE_BIT != 0 {
-        return Err("force not supported".to_owned());
+/// The command of a setpoint, or why it is refused. Without a number for yaw or yaw rate the nose stays \[src\].
+fn goal(now_us: u64, target: &SET_POSITION_TARGET_LOCAL_NED_DATA) -> Result<Goal, String> {
+    let frame = target.coordinate_frame;
+    if frame != LOCAL_NED {
+        return Err(format!("coordinate frame {frame} unsupported"));
     }
-    if !has(position_ned_m) && !has(velocity_ned_mps) && !has(acceleration_ned_mps2) {
+    let goal = Goal::of(now_us, target).ok_or_else(|| format!("mask {:#06x} unknown", target.type_mask))?;
+    if !goal.velocity_ned_mps.iter().any(|v| v.is_finite()) {
         return Err("invalid".to_owned());
     }
-    let (yaw, rate) = (f64::from(target.yaw), f64::from(target.yaw_rate));
-    let yaw = if mask & YAW_BIT == 0 && yaw.is_finite() {
-        Yaw::Angle(yaw)
-    } else if mask & YAW_RATE_BIT == 0 && rate.is_finite() {
-        Yaw::Rate(rate)
-    } else {
-        Yaw::Hold
-    };
-    Ok(Goal { since_us: now_us, position_ned_m, velocity_ned_mps, acceleration_ned_mps2, yaw })
-}
-
-fn from_heading(estimate: &Motion, [x, y, z]: [f64; 3]) -> [f64; 3] {
-    let (sine, cosine) = (libm::sin(estimate.pose.yaw_rad), libm::cos(estimate.pose.yaw_rad));
-    [x * cosine - y * sine, x * sine + y * cosine, z]
-}
-
-fn from_body(estimate: &Motion, [x, y, z]: [f64; 3]) -> [f64; 3] {
-    let (sr, cr) = (libm::sin(estimate.pose.roll_rad), libm::cos(estimate.pose.roll_rad));
-    let (sp, cp) = (libm::sin(estimate.pose.pitch_rad), libm::cos(estimate.pose.pitch_rad));
-    let (y, z) = (y * cr - z * sr, y * sr + z * cr);
-    let (x, z) = (x * cp + z * sp, z * cp - x * sp);
-    from_heading(estimate, [x, y, z])
+    Ok(if goal.yaw.is_finite() { goal } else { Goal { yaw: Yaw::Rate(0.0), ..goal } })
 }

@@ -5,87 +5,26 @@ use super::super::arducopter::{AUTO, BRAKE, GUIDED, LAND, LOITER, RTL, STABILIZE
 use super::*;
 use crate::scenario::Software;
 
-fn near(left: [f64; 3], right: [f64; 3]) -> bool {
-    left.iter().zip(right).all(|(l, r)| (l - r).abs() < 1e-6)
-}
-
-/// Velocities turned by a nose to the east.
+/// The velocity of `target`.
 const NORTH_EAST: [f64; 3] = [1.0, 2.0, -0.5];
-const TURNED: [f64; 3] = [-2.0, 1.0, -0.5];
-
-/// What the vehicle is told; none stops it.
-type Told = Option<[f64; 3]>;
 
 #[test]
-fn every_mask_in_every_frame_does_what_it_does_there() {
-    // What the vehicle is told with each mask in frames 1, 7, 8, 9, from (1, 2, -5) with the nose to the east. `None`
-    // stops it. A place is flown to at 1 m/s a metre, 5 m/s at most (1 m/s up and down), and the offset in a frame is
-    // (3, 4, -6), turned: (-4, 3, -6). An acceleration is half a second of it.
-    let to_place = [2.0, 2.0, -1.0];
-    let by_offset = [3.0, 4.0, -1.0];
-    let by_turned_offset = [-4.0, 3.0, -1.0];
-    let plus = |a: [f64; 3], b: [f64; 3]| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
-    let all = |v: [f64; 3], turned: [f64; 3]| [Some(v), Some(v), Some(turned), Some(turned)];
-    let stops = [None; 4];
-    let velocity = all(NORTH_EAST, TURNED);
-    let rows: [(u16, &str, [Told; 4]); 17] = [
-        (0x05C7, "velocity and yaw rate", velocity),
-        (0x09C7, "velocity and yaw", velocity),
-        (0x0DC7, "velocity", velocity),
-        (0x01C7, "velocity, yaw and yaw rate", velocity),
-        (0x0C07, "velocity and acceleration", velocity),
-        (0x07C7, "velocity, and a force bit without an acceleration", velocity),
-        (0x0607, "velocity and a force", stops),
-        (0x0DF8, "place", [Some(to_place), Some(by_offset), Some(by_turned_offset), Some(by_turned_offset)]),
-        (
-            0x0DC0,
-            "place and velocity",
-            [
-                Some(plus(to_place, NORTH_EAST)),
-                Some(plus(by_offset, NORTH_EAST)),
-                Some(plus(by_turned_offset, TURNED)),
-                Some(plus(by_turned_offset, TURNED)),
-            ],
-        ),
-        (
-            0x0C00,
-            "everything",
-            [
-                Some(plus(to_place, NORTH_EAST)),
-                Some(plus(by_offset, NORTH_EAST)),
-                Some(plus(by_turned_offset, TURNED)),
-                Some(plus(by_turned_offset, TURNED)),
-            ],
-        ),
-        (0x0C3F, "acceleration", all([0.25, -0.125, -0.0625], [0.125, 0.25, -0.0625])),
-        (0x0C38, "place and acceleration", stops),
-        (0x05CF, "velocity without north", stops),
-        (0x05E3, "velocity of north and east with a height", stops),
-        (0x09FF, "yaw", stops),
-        (0x05FF, "yaw rate", stops),
-        (0x0FFF, "nothing", stops),
-    ];
-    for (mask, what, wanted) in rows {
-        for (frame, wanted) in [1, 7, 8, 9].into_iter().zip(wanted) {
-            let mut autopilot = Autopilot::default();
-            assert!(!obey(&mut autopilot, &target(0x05C7, 1)).is_brake);
-            let command = obey(&mut autopilot, &target(mask, frame));
-            let name = format!("{what}, mask {mask:#06x}, frame {frame}: {command:?}");
-            match wanted {
-                Some(velocity) => assert!(!command.is_brake && near(command.velocity_ned_mps, velocity), "{name}"),
-                None => assert!(command.is_brake && command.velocity_ned_mps == [0.0; 3], "{name}"),
-            }
-            assert_eq!(autopilot.custom_mode, GUIDED, "{name}");
-        }
-    }
-}
-
-#[test]
-fn frames_other_than_1_7_8_and_9_stop_it() {
-    for frame in (0..=21).filter(|frame| ![1, 7, 8, 9].contains(frame)) {
+fn velocities_with_a_yaw_or_a_yaw_rate_are_obeyed_and_any_other_setpoint_stops_it() {
+    for (mask, frame, wanted) in [
+        (0x05C7, 1, Some(0.25)),
+        (0x09C7, 1, Some(-1.05)),
+        (0x05C7, 8, None),
+        (0x09C7, 7, None),
+        (0x0DC7, 1, None),
+        (0x0DF8, 1, None),
+        (0x05FF, 1, None),
+    ] {
         let mut autopilot = Autopilot::default();
-        obey(&mut autopilot, &target(0x05C7, 1));
-        assert!(obey(&mut autopilot, &target(0x05C7, frame)).is_brake, "frame {frame}");
+        assert!(!obey(&mut autopilot, &target(0x05C7, 1)).is_brake);
+        let told = obey(&mut autopilot, &target(mask, frame));
+        let command = (!told.is_brake).then_some((told.velocity_ned_mps, told.yaw_rate_radps));
+        assert_eq!(command, wanted.map(|rate_radps| (NORTH_EAST, rate_radps)), "mask {mask:#06x}, frame {frame}");
+        assert_eq!(autopilot.custom_mode, GUIDED);
     }
 }
 
@@ -145,51 +84,16 @@ fn setpoints_for_others_are_not_obeyed() {
 }
 
 #[test]
-fn velocities_are_held_for_guid_timeout_and_places_for_ever() {
+fn velocities_are_held_for_guid_timeout() {
     let mut autopilot = Autopilot::default();
-    for (mask, timeout_s) in [(0x05C7, 3.0), (0x0C3F, 3.0), (0x05C7, 1.0)] {
+    for timeout_s in [3.0, 1.0] {
         autopilot.set_parameter("GUID_TIMEOUT", timeout_s);
-        obey(&mut autopilot, &target(mask, 1));
+        obey(&mut autopilot, &target(0x05C7, 1));
         let end_us = (timeout_s * 1e6) as u64;
         assert!(!autopilot.command(end_us - 1).is_brake);
         assert!(autopilot.command(end_us).is_brake);
         assert_eq!(autopilot.custom_mode, GUIDED, "it brakes and stays");
     }
-    obey(&mut autopilot, &target(0x0DF8, 1));
-    assert_eq!(autopilot.command(99_000_000).velocity_ned_mps, [2.0, 2.0, -1.0]);
-    obey(&mut autopilot, &target(0x05C0, 1));
-    let late = autopilot.command(99_000_000);
-    assert_eq!((late.velocity_ned_mps, late.yaw_rate_radps), ([2.0, 2.0, -1.0], 0.0), "the place stays");
-}
-
-#[test]
-fn without_yaw_the_nose_turns_to_the_direction_of_travel_unless_told_not_to() {
-    let mut flown = Flown::new(Autopilot::default(), Start::InControl);
-    let mut west = target(0x0DC7, 1);
-    (west.vx, west.vy, west.vz) = (0.0, -1.0, 0.0);
-    flown.fly(6.0, |_| bytes(&west));
-    let yaw_rad = flown.vehicle.motion.pose.yaw_rad;
-    assert!((yaw_rad + std::f64::consts::FRAC_PI_2).abs() < 0.05, "{yaw_rad}");
-    let mut autopilot = Autopilot::default();
-    autopilot.set_parameter("WP_YAW_BEHAVIOR", 0.0);
-    assert_eq!(obey(&mut autopilot, &target(0x0DC7, 1)).yaw_rate_radps, 0.0);
-}
-
-#[test]
-fn a_relative_yaw_that_is_sent_again_and_again_is_a_spin() {
-    let turned_rad = |frame: u8| {
-        let mut flown = Flown::new(Autopilot::default(), Start::InControl);
-        let mut setpoint = target(0x09C7, frame);
-        (setpoint.vx, setpoint.vy, setpoint.vz) = (0.0, 0.0, 0.0);
-        let mut turned_rad = 0.0;
-        for _ in 0..100 {
-            flown.fly(0.1, |now_us| if now_us % 100_000 == 0 { bytes(&setpoint) } else { Vec::new() });
-            turned_rad += 0.1 * flown.vehicle.motion.yaw_rate_radps;
-        }
-        turned_rad
-    };
-    assert!((turned_rad(1) - 0.5).abs() < 0.2, "{}", turned_rad(1));
-    assert!(turned_rad(8) > 6.0, "{}", turned_rad(8));
 }
 
 #[test]
@@ -262,23 +166,6 @@ fn only_modes_that_it_has_are_entered_and_not_without_a_place() {
     autopilot.faults.filter_is_bad = true;
     assert!(!autopilot.select_mode(0, LOITER) && autopilot.select_mode(0, LAND));
     assert_eq!(texts(&mut autopilot).len(), 2, "refusals are told");
-}
-
-#[test]
-fn its_target_is_read_back_in_guided_only_in_frame_1_and_without_yaw() {
-    let mut autopilot = Autopilot::default();
-    obey(&mut autopilot, &target(0x05C7, 8));
-    let ask = bytes(&command(512, [85.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]));
-    autopilot.receive(0, &eastward(PLACE), &ask);
-    let said = heard(&mut autopilot);
-    let Some(MavMessage::POSITION_TARGET_LOCAL_NED(back)) = said.first().map(|(_, message)| message.clone()) else {
-        panic!("{said:?}")
-    };
-    assert_eq!((back.coordinate_frame, back.type_mask, back.yaw, back.yaw_rate), (1, 0x0DC7, 0.0, 0.0));
-    assert!((back.vx + 2.0).abs() < 1e-6 && (back.vy - 1.0).abs() < 1e-6, "turned: {back:?}");
-    autopilot.select_mode(0, LOITER);
-    autopilot.receive(0, &eastward(PLACE), &ask);
-    assert_eq!(results(&mut autopilot), [4], "FAILED");
 }
 
 #[test]

@@ -49,11 +49,10 @@ fn after_a_reboot_its_clock_begins_anew_and_streams_mode_and_arming_are_forgotte
 fn a_step_of_the_filter_moves_what_it_says_and_not_the_vehicle() {
     for mut autopilot in both() {
         let is_px4 = autopilot.software() == Software::Px4;
-        obey(&mut autopilot, &target(0x0DF8, 1));
-        let before = autopilot.command(0);
+        let before = obey(&mut autopilot, &target(0x05C7, 1));
         autopilot.transmit();
         autopilot.jump(0, [3.0, -4.0, 0.0], !is_px4);
-        assert_eq!(autopilot.command(0), before, "places that it flies to step along");
+        assert_eq!(autopilot.command(0), before);
         assert_eq!(heard_ids(&mut autopilot), if is_px4 { vec![] } else { vec![49] });
         let MavMessage::LOCAL_POSITION_NED(place) = said(&mut autopilot, 32) else { panic!() };
         assert_eq!([place.x, place.y, place.z], [4.0, -2.0, -5.0]);
