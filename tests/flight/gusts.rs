@@ -17,7 +17,7 @@ fn weather(name: &str) -> &'static Weather {
 }
 
 fn flown(scene_name: &str, weather_name: &str) -> Row {
-    row(scene(scene_name), weather(weather_name), seeds::test(FLIGHTS), |_| ()).unwrap()
+    row(scene(scene_name), weather(weather_name), seeds::test(FLIGHTS)).unwrap()
 }
 
 /// In gusts of 1 and 1.5 m/s (standard deviation) no flight collides and at least 95 % arrive.
@@ -65,7 +65,7 @@ fn in_a_narrow_corridor_gusts_blow_px4_onto_the_walls_in_no_more_flights_than_on
 /// Where the autopilot's position wanders by 0.2 m, as no velocity tells, no random pillar is touched, and at least 95 % arrive.
 #[test]
 fn where_the_position_wanders_random_pillars_are_passed() {
-    let row = row(scene("forest, scan"), &WANDERING[1], seeds::test(FLIGHTS), |_| ()).unwrap();
+    let row = row(scene("forest, scan"), &WANDERING[1], seeds::test(FLIGHTS)).unwrap();
     assert!(row.collided.is_empty() && row.reached as f64 >= 0.95 * FLIGHTS as f64, "{row:?}");
 }
 

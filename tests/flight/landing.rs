@@ -21,7 +21,7 @@ fn flown(name: &str) -> Row {
 
 fn flown_times(name: &str, flights: u64) -> Row {
     let scene = SCENES.iter().find(|scene| scene.name == name).unwrap();
-    let row = row(scene, seeds::test(flights), |_| ()).unwrap();
+    let row = row(scene, seeds::test(flights)).unwrap();
     assert!(row.collided.is_empty() && row.unfinished.is_empty(), "{row:?}");
     row
 }

@@ -120,7 +120,7 @@ enum Task {
         /// Flights past walls, gaps and pillars each, in strong gusts; of the others at most 100
         #[arg(long, default_value_t = 240)]
         flights: u32,
-        /// Fly development seeds alone, and print
+        /// Fly development seeds, and print
         #[arg(long)]
         development: bool,
     },
@@ -155,10 +155,10 @@ enum Task {
     },
     /// Fly complete missions, onto the pad or above the beacon, scene by scene: docs/results/landings.md
     Landings {
-        /// Flights of each scene; of each value of a constant at most 60
+        /// Flights of each scene
         #[arg(long, default_value_t = 200)]
         flights: u32,
-        /// Only compare the constants, on development seeds, and print
+        /// Fly development seeds, and print
         #[arg(long)]
         development: bool,
     },

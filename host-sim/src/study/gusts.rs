@@ -5,7 +5,6 @@
 
 pub mod page;
 
-use foxhound_core::guidance;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -161,17 +160,12 @@ pub struct Row {
     pub clearance_m: [f64; 2],
 }
 
-/// The flights with these seeds, by a computer whose configuration may be changed before.
+/// The flights with these seeds.
 ///
 /// # Errors
 /// The scenario is refused, or a flight cannot be flown.
-pub fn row(
-    scene: &Scene,
-    weather: &Weather,
-    seeds: std::ops::Range<u64>,
-    tune: impl Fn(&mut guidance::Config) + Sync,
-) -> Result<Row, InputError> {
-    let fly = |seed| flight::report(scene.scenario(weather, seed)?, seed, &tune);
+pub fn row(scene: &Scene, weather: &Weather, seeds: std::ops::Range<u64>) -> Result<Row, InputError> {
+    let fly = |seed| flight::report(scene.scenario(weather, seed)?, seed, |_| ());
     let reports: Vec<Report> = seeds.into_par_iter().map(fly).collect::<Result<_, InputError>>()?;
     let of = |ending: Ending| reports.iter().filter(move |report| report.result == ending);
     let reached = of(Ending::Reached).count();

@@ -8,7 +8,6 @@ use std::collections::BTreeMap;
 
 pub mod page;
 
-use foxhound_core::guidance;
 use foxhound_core::landing::Stage;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -115,24 +114,12 @@ pub struct Row {
     pub time_s: f64,
 }
 
-/// One flight, by a computer whose configuration may be changed before.
-///
-/// # Errors
-/// The scenario is refused, or the flight cannot be flown.
-pub fn fly(scene: &Scene, seed: u64, tune: impl Fn(&mut guidance::Config)) -> Result<Report, InputError> {
-    flight::report(scene.scenario(seed)?, seed, tune)
-}
-
 /// The flights with these seeds.
 ///
 /// # Errors
 /// See [`fly`].
-pub fn row(
-    scene: &Scene,
-    seeds: std::ops::Range<u64>,
-    tune: impl Fn(&mut guidance::Config) + Sync,
-) -> Result<Row, InputError> {
-    let fly = |seed| fly(scene, seed, &tune);
+pub fn row(scene: &Scene, seeds: std::ops::Range<u64>) -> Result<Row, InputError> {
+    let fly = |seed| flight::report(scene.scenario(seed)?, seed, |_| ());
     let reports: Vec<Report> = seeds.into_par_iter().map(fly).collect::<Result<_, InputError>>()?;
     let mut row = Row { scene: scene.name, flights: reports.len() as u32, ..Row::default() };
     let (mut distances_m, mut times_s) = (Vec::new(), Vec::new());

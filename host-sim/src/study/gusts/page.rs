@@ -1,34 +1,14 @@
-//! Flights in gusts, on held-out seeds, and the constants of `core/src/control/wind.rs`, each around its value, on
-//! development seeds: the page `docs/results/gusts.md`. With `development`, development seeds only.
+//! Flights in gusts, on held-out seeds: the page `docs/results/gusts.md`. With `development`, on development seeds.
 
 use std::fmt::Write as _;
 use std::ops::Range;
-
-use foxhound_core::guidance;
 
 use super::{Row, SCENES, STRONG, Scene, WANDERING, WEATHERS, Weather, roomy, row};
 use crate::scenario::input::InputError;
 use crate::study::{Campaign, seeds};
 
-/// Flights of each scene in each weather of the table, and of each scene and weather for each value of a constant.
+/// Flights of each scene in each weather of the tables.
 const IN_THE_TABLE: u64 = 100;
-const FOR_A_VALUE: u64 = 60;
-/// Where constants are compared besides where there is space for the margin.
-const MORE: [&str; 2] = ["corridor", "pillars, scan, PX4"];
-
-/// A constant, its values, and how it is set.
-type Constant = (&'static str, [f32; 4], fn(&mut guidance::Config, f32));
-
-const CONSTANTS: [Constant; 8] = [
-    ("margin_s", [0.9, 1.1, 1.6, 2.0], |config, value| config.wind.margin_s = value),
-    ("margin_max_m", [0.6, 0.8, 1.2, 1.5], |config, value| config.wind.margin_max_m = value),
-    ("memory_s", [15.0, 25.0, 60.0, 100.0], |config, value| config.wind.memory_s = value),
-    ("unsure", [0.0, 1.0, 3.0, 4.0], |config, value| config.wind.unsure = value),
-    ("unsure_s", [2.0, 3.0, 6.0, 10.0], |config, value| config.wind.unsure_s = value),
-    ("floor_mps", [0.03, 0.04, 0.08, 0.12], |config, value| config.wind.floor_mps = value),
-    ("slack_s", [0.03, 0.045, 0.08, 0.12], |config, value| config.wind.slack_s = value),
-    ("lean_mps_per_rad", [0.0, 0.7, 2.1, 2.8], |config, value| config.wind.lean_mps_per_rad = value),
-];
 
 /// Flies all of it and writes the page.
 ///
@@ -41,9 +21,8 @@ pub fn page(settings: &Campaign) -> Result<String, InputError> {
     let mut text = format!(
         "# Flights in gusts\n\n\
          `cargo xtask gusts` writes this page. Flights have the whole chain from the antennas' codes on, a beacon at 20 dB, and a vehicle that\n\
-         follows as a real autopilot was recorded to; what the drone does about gusts is in [how it works](../concepts.md#7-guard). Flights of the\n\
-         first two tables have the first seeds of the {range} range ({}), those of the last the first of the development range\n\
-         ({}): `host-sim/src/study/seeds.rs`. A part of the flights is in every run of the tests (`tests/flight/gusts.rs`).\n\n\
+         follows as a real autopilot was recorded to; what the drone does about gusts is in [how it works](../concepts.md#7-guard). Flights have\n\
+         the first seeds of the {range} range ({}): `host-sim/src/study/seeds.rs`. A part of the flights is in every run of the tests (`tests/flight/gusts.rs`).\n\n\
          ## What is modelled\n\n\
          The wind has a mean of 3 m/s and gusts on top of it, in each of both directions: Dryden's longitudinal turbulence of a given standard\n\
          deviation, which lasts about 2 s. With a standard deviation of 1 m/s, gusts of 3 m/s are those of three sigma. Air that\n\
@@ -56,7 +35,6 @@ pub fn page(settings: &Campaign) -> Result<String, InputError> {
          With a standard deviation of 2.5 m/s on a mean of 3 m/s, by scan and waveforms, beside ArduCopter's model. Walls are 2 to 5 m\n\
          long, gaps 1.5 to 2.5 m wide, two of them on 12 m; random pillars are at least 0.6 m apart.\n\n{HEAD}",
         seeds(1).start,
-        seeds::DEVELOPMENT.start,
     );
     let (mut sum, mut named) = ([0; 3], String::new());
     for scene in roomy() {
@@ -81,22 +59,6 @@ pub fn page(settings: &Campaign) -> Result<String, InputError> {
             line(&mut text, tell, scene, weather, seeds(IN_THE_TABLE.min(flights)))?;
         }
     }
-
-    let flown = FOR_A_VALUE.min(flights);
-    let _ = write!(
-        text,
-        "\n## The constants\n\n\
-         Each constant of `core/src/control/wind.rs` at other values, the others as they are: {} flights for each value on development seeds, past\n\
-         walls, gaps and random pillars, through the corridor, and beside PX4 past pillars, in gusts of 2.5 and of 3 m/s.\n\n\
-         | constant | value | collisions | reached | mean time, s |\n|---|---|---|---|---|\n",
-        10 * flown,
-    );
-    value(&mut text, tell, "as they are", None, seeds::development(flown), &|_| ())?;
-    for (name, values, set) in &CONSTANTS {
-        for one in values {
-            value(&mut text, tell, name, Some(*one), seeds::development(flown), &|config| set(config, *one))?;
-        }
-    }
     Ok(text)
 }
 
@@ -115,35 +77,10 @@ fn line(
     weather: &Weather,
     seeds: Range<u64>,
 ) -> Result<Row, InputError> {
-    let row = row(scene, weather, seeds, |_| ())?;
+    let row = row(scene, weather, seeds)?;
     tell(&format!("{row:?}"));
     let ([least_m, tenth_m], collided) = (row.clearance_m, row.collided.len());
     let what = format!("{} | {collided} | {} | {:.1}", row.flights, row.reached, row.time_s);
     let _ = writeln!(text, "| {} | {} | {what} | {least_m:.3}, {tenth_m:.3} |", row.scene, row.weather);
     Ok(row)
-}
-
-/// Results of the flights with one constant changed.
-fn value(
-    text: &mut String,
-    tell: fn(&str),
-    name: &str,
-    value: Option<f32>,
-    seeds: Range<u64>,
-    tune: &(impl Fn(&mut guidance::Config) + Sync),
-) -> Result<(), InputError> {
-    let value = value.map_or(String::new(), |value| value.to_string());
-    tell(&format!("{name} {value}"));
-    let (mut collided, mut reached, mut time_s) = (0, 0, 0.0);
-    for scene in roomy().chain(SCENES.iter().filter(|scene| MORE.contains(&scene.name))) {
-        for weather in WEATHERS.iter().filter(|weather| weather.wind.is_some_and(|wind| wind.gust_mps >= 2.5)) {
-            let row = row(scene, weather, seeds.clone(), tune)?;
-            (collided, reached) = (collided + row.collided.len(), reached + row.reached);
-            if row.reached > 0 {
-                time_s += f64::from(row.reached) * row.time_s;
-            }
-        }
-    }
-    let _ = writeln!(text, "| {name} | {value} | {collided} | {reached} | {:.1} |", time_s / f64::from(reached));
-    Ok(())
 }
