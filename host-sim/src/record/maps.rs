@@ -4,14 +4,14 @@
 use std::path::Path;
 
 use plotters::coord::Shift;
-use plotters::prelude::{Circle, DrawingArea, DrawingBackend, PathElement, RGBColor, Rectangle};
-use plotters::style::Color as _;
+use plotters::prelude::{DrawingArea, DrawingBackend, RGBColor};
 use plotters::style::text_anchor::{HPos, VPos};
 
-use super::sheet::{self, Drawn, FAINT_INK, FRAME, INK, line, pixels, write_svg};
-use crate::drive::maps::{Cells, Density, Pair, Pillar, densities};
-use crate::drive::suite::{Map, Suite};
+use super::sheet::{Drawn, FAINT_INK, FRAME, INK, Map, fill, line, text, write_svg};
+use crate::drive::maps::{Cells, Density, densities};
+use crate::drive::suite::{self, Suite};
 use crate::scenario::input::InputError;
+use crate::world::Horizontal;
 
 /// Side of a map with its margin, in points.
 const MAP: f64 = 300.0;
@@ -43,70 +43,32 @@ fn tiles<B: DrawingBackend>(area: &DrawingArea<B, Shift>, suite: &Suite) -> Draw
     for (index, map) in suite.maps.iter().enumerate() {
         let left = EDGE + (index % COLUMNS) as f64 * (MAP + GAP);
         let top = EDGE + TITLE + (index / COLUMNS) as f64 * (MAP + TITLE + GAP);
-        let [west, south, east, north] = suite.bounds;
-        let scale = MAP / (east - west).max(north - south);
-        let tile = Tile { area, left, bottom: top + (north - south) * scale, west, south, scale };
-        tile.draw(suite.bounds, map)?;
+        draw_map(&Map::within(area, suite.bounds, [left, top], MAP), map)?;
     }
     Ok(())
 }
 
-/// One map on the sheet.
-struct Tile<'a, B: DrawingBackend> {
-    area: &'a DrawingArea<B, Shift>,
-    left: f64,
-    bottom: f64,
-    west: f64,
-    south: f64,
-    scale: f64,
-}
-
-impl<B: DrawingBackend> Tile<'_, B> {
-    fn at(&self, x: f64, y: f64) -> (i32, i32) {
-        (pixels(self.left + (x - self.west) * self.scale), pixels(self.bottom - (y - self.south) * self.scale))
+fn draw_map<B: DrawingBackend>(sheet: &Map<'_, B>, map: &suite::Map) -> Drawn<B> {
+    let shares = densities(sheet.bounds, &map.obstacles);
+    let cells = Cells::new(sheet.bounds);
+    for (index, share) in shares.iter().enumerate() {
+        let square = cells.square(index % cells.columns, index / cells.columns);
+        sheet.rectangle(square, fill(SHADE, 0.6 * (share / DARKEST).min(1.0)))?;
     }
-
-    fn draw(&self, bounds: [f64; 4], map: &Map) -> Drawn<B> {
-        let shares = densities(bounds, &map.obstacles);
-        self.squares(bounds, &shares)?;
-        for pair in &map.pairs {
-            self.pair(pair)?;
-        }
-        for pillar in &map.obstacles {
-            self.pillar(pillar)?;
-        }
-        let [west, south, east, north] = bounds;
-        self.area.draw(&Rectangle::new([self.at(west, north), self.at(east, south)], line(FRAME, 1.0, 1.0)))?;
-        let Density { mean, variance } = Density::of(&shares);
-        let top = self.bottom - (north - south) * self.scale;
-        let title = format!("row {}, map {}", map.row, map.instance);
-        self.text(&title, [self.left, top - 8.0], INK, HPos::Left)?;
-        let numbers = format!("mean {mean:.4}, variance {variance:.4}");
-        self.text(&numbers, [self.left + (east - west) * self.scale, top - 8.0], FAINT_INK, HPos::Right)
+    for [x0, y0, x1, y1, _] in &map.pairs {
+        let [start, goal] = [[*x0, *y0], [*x1, *y1]].map(Horizontal::from_xy);
+        sheet.path([start, goal], line(WAY, 0.12, 0.75))?;
+        sheet.dot(start, 1.8, fill(WAY, 0.7))?;
+        sheet.dot(goal, 1.8, fill(GOAL, 0.7))?;
     }
-
-    fn squares(&self, bounds: [f64; 4], shares: &[f64]) -> Drawn<B> {
-        let cells = Cells::new(bounds);
-        for (index, share) in shares.iter().enumerate() {
-            let [west, south, east, north] = cells.square(index % cells.columns, index / cells.columns);
-            let shade = SHADE.mix(0.6 * (share / DARKEST).min(1.0)).filled();
-            self.area.draw(&Rectangle::new([self.at(west, north), self.at(east, south)], shade))?;
-        }
-        Ok(())
+    for [x, y, radius_m] in &map.obstacles {
+        sheet.circle(Horizontal::from_xy([*x, *y]), *radius_m, fill(PILLAR, 1.0))?;
     }
-
-    fn pair(&self, [x0, y0, x1, y1, _]: &Pair) -> Drawn<B> {
-        let (start, goal) = (self.at(*x0, *y0), self.at(*x1, *y1));
-        self.area.draw(&PathElement::new(vec![start, goal], line(WAY, 0.12, 0.75)))?;
-        self.area.draw(&Circle::new(start, pixels(1.8), WAY.mix(0.7).filled()))?;
-        self.area.draw(&Circle::new(goal, pixels(1.8), GOAL.mix(0.7).filled()))
-    }
-
-    fn pillar(&self, [x, y, r]: &Pillar) -> Drawn<B> {
-        self.area.draw(&Circle::new(self.at(*x, *y), pixels(r * self.scale), PILLAR.filled()))
-    }
-
-    fn text(&self, what: &str, at: [f64; 2], color: RGBColor, anchor: HPos) -> Drawn<B> {
-        sheet::text(self.area, what, at, 13.0, color, (anchor, VPos::Bottom))
-    }
+    sheet.rectangle(sheet.bounds, line(FRAME, 1.0, 1.0))?;
+    let Density { mean, variance } = Density::of(&shares);
+    let ([left, top], [right, _]) = (sheet.corner, sheet.end());
+    let title = format!("row {}, map {}", map.row, map.instance);
+    text(sheet.area, &title, [left, top - 8.0], 13.0, INK, (HPos::Left, VPos::Bottom))?;
+    let numbers = format!("mean {mean:.4}, variance {variance:.4}");
+    text(sheet.area, &numbers, [right, top - 8.0], 13.0, FAINT_INK, (HPos::Right, VPos::Bottom))
 }

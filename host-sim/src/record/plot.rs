@@ -14,7 +14,7 @@ use plotters::style::ShapeStyle;
 use plotters::style::text_anchor::{HPos, VPos};
 
 use super::sheet::{
-    self, Anchor, Drawn, FAINT_INK, FRAME, GRID, GROUND, INK, OVERSIZE, PAPER, fill, line, pixels, write_svg,
+    self, Anchor, Drawn, FAINT_INK, FRAME, GRID, GROUND, INK, Map, OVERSIZE, PAPER, fill, line, pixels, write_svg,
 };
 use crate::drive::flight::{Ending, Record};
 use crate::scenario::VehicleModel;
@@ -47,8 +47,9 @@ const SPEED: [RGBColor; 5] = [
     RGBColor(44, 176, 118),
 ];
 
-/// Map area on the page: left, top, width, height; the rest is the legend.
-const MAP: [f64; 4] = [64.0, 40.0, 868.0, 868.0];
+/// Upper left corner and side of the map on the page; the rest is the legend.
+const MAP: [f64; 2] = [64.0, 40.0];
+const SIDE: f64 = 868.0;
 const LEGEND_LEFT: f64 = 968.0;
 const MARGIN_M: f64 = 0.35;
 /// Time between two points of a person's path.
@@ -95,41 +96,9 @@ fn reduced_png(pixels: &[u8], width: u32) -> Result<Vec<u8>, png::EncodingError>
     png_of(&reduced, out_width, out_height)
 }
 
-/// A page that takes points and, inside the map, metres.
-struct Page<'a, B: DrawingBackend> {
-    area: &'a DrawingArea<B, Shift>,
-    /// Lower left corner of the map, x and y in metres.
-    west_m: f64,
-    south_m: f64,
-    /// Upper right corner.
-    east_m: f64,
-    north_m: f64,
-    points_per_m: f64,
-}
-
-impl<B: DrawingBackend> Page<'_, B> {
-    fn at(&self, place: Horizontal) -> (i32, i32) {
-        let (x, y) = place.xy();
-        let left = MAP[0] + (x - self.west_m) * self.points_per_m;
-        let top = MAP[1] + (self.north_m - y) * self.points_per_m;
-        (pixels(left), pixels(top))
-    }
-
-    fn circle(&self, center: Horizontal, radius_m: f64, style: ShapeStyle) -> Drawn<B> {
-        self.area.draw(&Circle::new(self.at(center), pixels(radius_m * self.points_per_m), style))
-    }
-
-    fn dot(&self, center: Horizontal, radius: f64, style: ShapeStyle) -> Drawn<B> {
-        self.area.draw(&Circle::new(self.at(center), pixels(radius), style))
-    }
-
-    fn path(&self, places: impl IntoIterator<Item = Horizontal>, style: ShapeStyle) -> Drawn<B> {
-        let points: Vec<(i32, i32)> = places.into_iter().map(|place| self.at(place)).collect();
-        self.area.draw(&PathElement::new(points, style))
-    }
-
+impl<B: DrawingBackend> Map<'_, B> {
     fn dashed_circle(&self, center: Horizontal, radius_m: f64, style: ShapeStyle) -> Drawn<B> {
-        let dashes = libm::rint((radius_m * self.points_per_m * TAU / 11.0).max(6.0)) as usize;
+        let dashes = libm::rint((radius_m * self.scale * TAU / 11.0).max(6.0)) as usize;
         for dash in 0..dashes {
             let arc = (0..=4).map(|k| TAU * (dash as f64 + 0.6 * f64::from(k) / 4.0) / dashes as f64);
             self.path(arc.map(|angle| center.along(Horizontal::from_bearing(angle), radius_m)), style)?;
@@ -150,7 +119,8 @@ impl<B: DrawingBackend> Page<'_, B> {
         sheet::text(self.area, text, [at.0, at.1], size, color, anchor)
     }
 
-    fn rectangle(&self, [left, top, width, height]: [f64; 4], style: ShapeStyle) -> Drawn<B> {
+    /// A rectangle in points: left, top, width, height.
+    fn cover(&self, [left, top, width, height]: [f64; 4], style: ShapeStyle) -> Drawn<B> {
         let corners = [(pixels(left), pixels(top)), (pixels(left + width), pixels(top + height))];
         self.area.draw(&Rectangle::new(corners, style))
     }
@@ -158,9 +128,11 @@ impl<B: DrawingBackend> Page<'_, B> {
 
 fn page<B: DrawingBackend>(area: &DrawingArea<B, Shift>, record: &Record) -> Drawn<B> {
     let page = framed(area, record);
-    let map = [MAP[0], MAP[1], page.width_points(), page.height_points()];
-    page.rectangle(map, fill(GROUND, 1.0))?;
-    grid(&page, map)?;
+    let [left, top] = page.corner;
+    let [right, bottom] = page.end();
+    let map = [left, top, right - left, bottom - top];
+    page.cover(map, fill(GROUND, 1.0))?;
+    grid(&page)?;
     views(&page, record)?;
     pillars(&page, record)?;
     trajectories(&page, record)?;
@@ -173,15 +145,15 @@ fn page<B: DrawingBackend>(area: &DrawingArea<B, Shift>, record: &Record) -> Dra
         [0.0, 0.0, map[0], f64::from(PAGE.1)],
         [map[0] + map[2], 0.0, f64::from(PAGE.0) - map[0] - map[2], f64::from(PAGE.1)],
     ] {
-        page.rectangle(cover, fill(PAPER, 1.0))?;
+        page.cover(cover, fill(PAPER, 1.0))?;
     }
-    page.rectangle(map, line(FRAME, 1.0, 1.0))?;
+    page.cover(map, line(FRAME, 1.0, 1.0))?;
     axes(&page, map)?;
     legend(&page, record)
 }
 
 /// The page whose map shows the bounds and the whole path.
-fn framed<'a, B: DrawingBackend>(area: &'a DrawingArea<B, Shift>, record: &Record) -> Page<'a, B> {
+fn framed<'a, B: DrawingBackend>(area: &'a DrawingArea<B, Shift>, record: &Record) -> Map<'a, B> {
     let [mut west, mut south, mut east, mut north] = record.scenario.bounds;
     let places = record.path.iter().map(|sample| sample.position.xy());
     for (x, y) in places.chain([record.scenario.goal.into(), record.scenario.start.into()]) {
@@ -190,22 +162,14 @@ fn framed<'a, B: DrawingBackend>(area: &'a DrawingArea<B, Shift>, record: &Recor
         south = south.min(y - MARGIN_M);
         north = north.max(y + MARGIN_M);
     }
-    let points_per_m = (MAP[2] / (east - west)).min(MAP[3] / (north - south));
-    Page { area, west_m: west, south_m: south, east_m: east, north_m: north, points_per_m }
+    Map::within(area, [west, south, east, north], MAP, SIDE)
 }
 
-impl<B: DrawingBackend> Page<'_, B> {
-    fn width_points(&self) -> f64 {
-        (self.east_m - self.west_m) * self.points_per_m
-    }
-
-    fn height_points(&self) -> f64 {
-        (self.north_m - self.south_m) * self.points_per_m
-    }
-
+impl<B: DrawingBackend> Map<'_, B> {
     /// Distance of the grid lines: 1, 2 or 5 times a power of ten, at most 12 of them.
     fn grid_m(&self) -> f64 {
-        let extent_m = (self.east_m - self.west_m).max(self.north_m - self.south_m);
+        let [west, south, east, north] = self.bounds;
+        let extent_m = (east - west).max(north - south);
         let decade = libm::pow(10.0, libm::floor(libm::log10(extent_m / 12.0)));
         [1.0, 2.0, 5.0, 10.0].map(|m| m * decade).into_iter().find(|m| extent_m / m <= 12.0).unwrap_or(extent_m)
     }
@@ -217,25 +181,25 @@ fn marks(from: f64, to: f64, step: f64) -> impl Iterator<Item = f64> {
     (first..=last).map(move |k| k as f64 * step)
 }
 
-fn grid<B: DrawingBackend>(page: &Page<'_, B>, _map: [f64; 4]) -> Drawn<B> {
-    let step = page.grid_m();
-    for x in marks(page.west_m, page.east_m, step) {
-        page.path([[x, page.south_m], [x, page.north_m]].map(Horizontal::from_xy), line(GRID, 1.0, 0.75))?;
+fn grid<B: DrawingBackend>(page: &Map<'_, B>) -> Drawn<B> {
+    let ([west, south, east, north], step) = (page.bounds, page.grid_m());
+    for x in marks(west, east, step) {
+        page.path([[x, south], [x, north]].map(Horizontal::from_xy), line(GRID, 1.0, 0.75))?;
     }
-    for y in marks(page.south_m, page.north_m, step) {
-        page.path([[page.west_m, y], [page.east_m, y]].map(Horizontal::from_xy), line(GRID, 1.0, 0.75))?;
+    for y in marks(south, north, step) {
+        page.path([[west, y], [east, y]].map(Horizontal::from_xy), line(GRID, 1.0, 0.75))?;
     }
     Ok(())
 }
 
-fn axes<B: DrawingBackend>(page: &Page<'_, B>, [left, top, width, height]: [f64; 4]) -> Drawn<B> {
-    let step = page.grid_m();
-    for x in marks(page.west_m, page.east_m, step) {
-        let at = (left + (x - page.west_m) * page.points_per_m, top + height + 8.0);
+fn axes<B: DrawingBackend>(page: &Map<'_, B>, [left, top, width, height]: [f64; 4]) -> Drawn<B> {
+    let ([west, south, east, north], step) = (page.bounds, page.grid_m());
+    for x in marks(west, east, step) {
+        let at = (page.points(Horizontal::from_xy([x, south]))[0], top + height + 8.0);
         page.text(&format!("{x}"), at, 13.0, FAINT_INK, (HPos::Center, VPos::Top))?;
     }
-    for y in marks(page.south_m, page.north_m, step) {
-        let at = (left - 9.0, top + (page.north_m - y) * page.points_per_m);
+    for y in marks(south, north, step) {
+        let at = (left - 9.0, page.points(Horizontal::from_xy([west, y]))[1]);
         page.text(&format!("{y}"), at, 13.0, FAINT_INK, (HPos::Right, VPos::Center))?;
     }
     page.text("x east, m", (left + width, top + height + 27.0), 13.0, FAINT_INK, (HPos::Right, VPos::Top))?;
@@ -243,7 +207,7 @@ fn axes<B: DrawingBackend>(page: &Page<'_, B>, [left, top, width, height]: [f64;
 }
 
 /// The sensor's field of view at the start and twice later.
-fn views<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
+fn views<B: DrawingBackend>(page: &Map<'_, B>, record: &Record) -> Drawn<B> {
     let sensor = &record.scenario.sensor;
     for share in [0.0, 1.0 / 3.0, 2.0 / 3.0] {
         if let Some(sample) = record.path.get((share * record.path.len() as f64) as usize) {
@@ -254,7 +218,7 @@ fn views<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
     Ok(())
 }
 
-fn pillars<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
+fn pillars<B: DrawingBackend>(page: &Map<'_, B>, record: &Record) -> Drawn<B> {
     let (world, end_s) = (&record.world, record.report.time_s);
     for person in &world.people {
         let times_s = (0..=(end_s / WALK_STEP_S) as u32).map(|step| f64::from(step) * WALK_STEP_S);
@@ -279,7 +243,7 @@ fn pillars<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
     Ok(())
 }
 
-fn trajectories<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
+fn trajectories<B: DrawingBackend>(page: &Map<'_, B>, record: &Record) -> Drawn<B> {
     for replan in &record.replans {
         for sample in &replan.plan.samples_ned_m {
             page.path(sample.iter().map(|point| from_core(*point)), line(SAMPLE, 0.16, 0.9))?;
@@ -296,7 +260,7 @@ fn trajectories<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn
 }
 
 /// Start and goal.
-fn ends<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
+fn ends<B: DrawingBackend>(page: &Map<'_, B>, record: &Record) -> Drawn<B> {
     let world = &record.world;
     let goal = world.source_at(record.report.time_s);
     page.circle(goal, record.scenario.goal_tolerance, fill(BEACON, 0.08))?;
@@ -314,7 +278,7 @@ fn ends<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
 }
 
 /// The path, coloured by speed, and the hull at its end.
-fn flown<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
+fn flown<B: DrawingBackend>(page: &Map<'_, B>, record: &Record) -> Drawn<B> {
     /// Steps of one coloured piece.
     const PIECE: usize = 4;
     let fastest = record.scenario.limits.v_max;
@@ -340,7 +304,7 @@ fn speed_color(share: f64) -> RGBColor {
     RGBColor(mix(low.0, high.0), mix(low.1, high.1), mix(low.2, high.2))
 }
 
-fn legend<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
+fn legend<B: DrawingBackend>(page: &Map<'_, B>, record: &Record) -> Drawn<B> {
     let report = &record.report;
     let left = LEGEND_LEFT;
     let here = (HPos::Left, VPos::Center);
@@ -354,8 +318,8 @@ fn legend<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
         Ending::Timeout => (BAD, "timeout"),
         Ending::Interrupted => (BAD, "interrupted"),
     };
-    page.rectangle([left, 116.0, 280.0, 34.0], fill(color, 0.12))?;
-    page.rectangle([left, 116.0, 4.0, 34.0], fill(color, 1.0))?;
+    page.cover([left, 116.0, 280.0, 34.0], fill(color, 0.12))?;
+    page.cover([left, 116.0, 4.0, 34.0], fill(color, 1.0))?;
     let title = if report.result == Ending::Reached {
         format!("{word} after {:.1} s", report.time_s)
     } else {
@@ -394,7 +358,7 @@ fn legend<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
     for strip in 0..strips {
         let share = f64::from(strip) / f64::from(strips);
         let x = left + 280.0 * share;
-        page.rectangle([x, y, 280.0 / f64::from(strips) + 0.25, 10.0], fill(speed_color(share), 1.0))?;
+        page.cover([x, y, 280.0 / f64::from(strips) + 0.25, 10.0], fill(speed_color(share), 1.0))?;
     }
     y += 24.0;
     page.text("0", (left, y), 13.0, FAINT_INK, here)?;
@@ -409,7 +373,7 @@ fn legend<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
 }
 
 /// The symbols and their names.
-fn keys<B: DrawingBackend>(page: &Page<'_, B>, left: f64, mut y: f64) -> Drawn<B> {
+fn keys<B: DrawingBackend>(page: &Map<'_, B>, left: f64, mut y: f64) -> Drawn<B> {
     let stroke = |y: f64, style: ShapeStyle| {
         let points = vec![(pixels(left), pixels(y)), (pixels(left + 30.0), pixels(y))];
         page.area.draw(&PathElement::new(points, style))
@@ -447,7 +411,7 @@ fn keys<B: DrawingBackend>(page: &Page<'_, B>, left: f64, mut y: f64) -> Drawn<B
                     page.area.draw(&PathElement::new(points, line(REMEMBERED, 0.9, 1.5)))?;
                 }
             }
-            4 => page.rectangle([left, y - 8.0, 30.0, 16.0], fill(VIEW, 0.16))?,
+            4 => page.cover([left, y - 8.0, 30.0, 16.0], fill(VIEW, 0.16))?,
             5 => dot(y, 3.2, line(TARGET, 1.0, 1.2))?,
             6 => {
                 for offset in [-4.0, 0.0, 4.0] {

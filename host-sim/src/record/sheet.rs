@@ -9,14 +9,15 @@ use std::path::Path;
 use plotters::coord::Shift;
 use plotters::drawing::DrawingAreaErrorKind;
 use plotters::prelude::{
-    DrawingArea, DrawingBackend, FontStyle, IntoDrawingArea as _, IntoFont as _, PathElement, RGBColor, SVGBackend,
-    Text, TextStyle,
+    Circle, DrawingArea, DrawingBackend, FontStyle, IntoDrawingArea as _, IntoFont as _, PathElement, RGBColor,
+    Rectangle, SVGBackend, Text, TextStyle,
 };
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{Color as _, ShapeStyle, register_font};
 
 use crate::scenario::input::InputError;
 use crate::scenario::output;
+use crate::world::Horizontal;
 
 /// Pixels of a point.
 pub(crate) const OVERSIZE: u32 = 4;
@@ -102,4 +103,60 @@ pub(crate) fn path<B: DrawingBackend>(
 ) -> Drawn<B> {
     let points: Vec<(i32, i32)> = points.into_iter().map(|[x, y]| (pixels(x), pixels(y))).collect();
     area.draw(&PathElement::new(points, style))
+}
+
+/// A map on a sheet, which takes places.
+pub(crate) struct Map<'a, B: DrawingBackend> {
+    pub(crate) area: &'a DrawingArea<B, Shift>,
+    /// West, south, east, north, in metres.
+    pub(crate) bounds: [f64; 4],
+    /// Its upper left corner, in points.
+    pub(crate) corner: [f64; 2],
+    /// Points a metre.
+    pub(crate) scale: f64,
+}
+
+impl<'a, B: DrawingBackend> Map<'a, B> {
+    /// As large as fits into a square of this side.
+    pub(crate) fn within(area: &'a DrawingArea<B, Shift>, bounds: [f64; 4], corner: [f64; 2], side: f64) -> Self {
+        let [west, south, east, north] = bounds;
+        Self { area, bounds, corner, scale: side / (east - west).max(north - south) }
+    }
+
+    /// Its lower right corner, in points.
+    pub(crate) fn end(&self) -> [f64; 2] {
+        let ([west, south, east, north], [left, top]) = (self.bounds, self.corner);
+        [left + (east - west) * self.scale, top + (north - south) * self.scale]
+    }
+
+    /// A place in points.
+    pub(crate) fn points(&self, place: Horizontal) -> [f64; 2] {
+        let ((x, y), [west, south, ..], [_, bottom]) = (place.xy(), self.bounds, self.end());
+        [self.corner[0] + (x - west) * self.scale, bottom - (y - south) * self.scale]
+    }
+
+    /// A place in pixels.
+    pub(crate) fn at(&self, place: Horizontal) -> (i32, i32) {
+        self.points(place).map(pixels).into()
+    }
+
+    /// A circle of this radius in metres.
+    pub(crate) fn circle(&self, center: Horizontal, radius_m: f64, style: ShapeStyle) -> Drawn<B> {
+        self.dot(center, radius_m * self.scale, style)
+    }
+
+    /// A circle of this radius in points.
+    pub(crate) fn dot(&self, center: Horizontal, radius: f64, style: ShapeStyle) -> Drawn<B> {
+        self.area.draw(&Circle::new(self.at(center), pixels(radius), style))
+    }
+
+    pub(crate) fn path(&self, places: impl IntoIterator<Item = Horizontal>, style: ShapeStyle) -> Drawn<B> {
+        path(self.area, places.into_iter().map(|place| self.points(place)), style)
+    }
+
+    /// A rectangle from west, south to east, north, in metres.
+    pub(crate) fn rectangle(&self, [west, south, east, north]: [f64; 4], style: ShapeStyle) -> Drawn<B> {
+        let corners = [[west, north], [east, south]].map(|corner| self.at(Horizontal::from_xy(corner)));
+        self.area.draw(&Rectangle::new(corners, style))
+    }
 }

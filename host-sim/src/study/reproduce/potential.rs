@@ -7,11 +7,10 @@ use std::path::Path;
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_papers::apf::Field;
 use plotters::coord::Shift;
-use plotters::prelude::{Circle, DrawingArea, DrawingBackend, PathElement, RGBColor, Rectangle};
-use plotters::style::Color as _;
+use plotters::prelude::{DrawingArea, DrawingBackend, RGBColor, Rectangle};
 use plotters::style::text_anchor::{HPos, VPos};
 
-use crate::record::sheet::{Drawn, FAINT_INK, FRAME, INK, PAPER, line, pixels, text, write_svg};
+use crate::record::sheet::{Drawn, FAINT_INK, FRAME, INK, Map, PAPER, fill, line, path, text, write_svg};
 use crate::scenario::input::InputError;
 use crate::world::Horizontal;
 
@@ -126,12 +125,12 @@ pub(super) fn draw_heat(scenes: &[Scene], path: &Path) -> Result<(), InputError>
 
 fn heat<B: DrawingBackend>(area: &Sheet<'_, B>, scene: &Scene, [left, top]: [f64; 2]) -> Drawn<B> {
     let [west, south, east, north] = scene.bounds;
-    let scale = MAP / (east - west).max(north - south);
-    let (right, bottom) = (left + (east - west) * scale, top + (north - south) * scale);
-    let at = |x: f64, y: f64| (pixels(left + (x - west) * scale), pixels(bottom - (y - south) * scale));
-    let place = |place: Horizontal| {
+    let map = Map::within(area, scene.bounds, [left, top], MAP);
+    let [right, bottom] = map.end();
+    let at = |x: f64, y: f64| map.at(Horizontal::from_xy([x, y]));
+    let inside = |place: Horizontal| {
         let (x, y) = place.xy();
-        at(x.clamp(west, east), y.clamp(south, north))
+        Horizontal::from_xy([x.clamp(west, east), y.clamp(south, north)])
     };
     text(area, &scene.title, [left, top - 10.0], 16.0, INK, (HPos::Left, VPos::Bottom))?;
 
@@ -156,28 +155,27 @@ fn heat<B: DrawingBackend>(area: &Sheet<'_, B>, scene: &Scene, [left, top]: [f64
                 (left, over(top, -2, (north_west.1, south_east.1))),
                 (over(right, 2, (north_west.0, south_east.0)), bottom),
             ];
-            area.draw(&Rectangle::new(corners, color(run[0], 1.0).filled()))?;
+            area.draw(&Rectangle::new(corners, fill(color(run[0], 1.0), 1.0)))?;
             column += run.len();
         }
     }
     for (center, radius_m) in &scene.pillars {
-        let radius = pixels((radius_m * scale).max(3.0));
-        area.draw(&Circle::new(place(*center), radius, PILLAR.mix(0.85).filled()))?;
+        map.dot(inside(*center), (radius_m * map.scale).max(3.0), fill(PILLAR, 0.85))?;
     }
     for (index, ((_, places), color)) in scene.paths.iter().zip(PATHS).enumerate() {
-        let points: Vec<(i32, i32)> = places.iter().map(|p| place(*p)).collect();
         let width = scene.width(index);
-        area.draw(&PathElement::new(points.clone(), line(INK, 0.55, width + 1.4)))?;
-        area.draw(&PathElement::new(points, line(color, 1.0, width)))?;
+        for style in [line(INK, 0.55, width + 1.4), line(color, 1.0, width)] {
+            map.path(places.iter().map(|place| inside(*place)), style)?;
+        }
     }
     for (end, color) in [(scene.start, START), (scene.goal, GOAL)] {
-        area.draw(&Circle::new(place(end), pixels(6.0), PAPER.filled()))?;
-        area.draw(&Circle::new(place(end), pixels(4.4), color.filled()))?;
+        map.dot(inside(end), 6.0, fill(PAPER, 1.0))?;
+        map.dot(inside(end), 4.4, fill(color, 1.0))?;
     }
-    area.draw(&Rectangle::new([at(west, north), at(east, south)], line(FRAME, 1.0, 1.0)))?;
+    map.rectangle(scene.bounds, line(FRAME, 1.0, 1.0))?;
     for share in [0.0, 0.25, 0.5, 0.75, 1.0] {
         let [x, y] = scene.at(share, share);
-        let (x_at, y_at) = (left + (x - west) * scale, bottom - (y - south) * scale);
+        let [x_at, y_at] = map.points(Horizontal::from_xy([x, y]));
         text(area, &format!("{x}"), [x_at, bottom + 6.0], 12.0, FAINT_INK, (HPos::Center, VPos::Top))?;
         text(area, &format!("{y}"), [left - 6.0, y_at], 12.0, FAINT_INK, (HPos::Right, VPos::Center))?;
     }
@@ -185,9 +183,9 @@ fn heat<B: DrawingBackend>(area: &Sheet<'_, B>, scene: &Scene, [left, top]: [f64
     let mut x = left;
     for ((name, _), color) in scene.paths.iter().zip(PATHS) {
         let y = bottom + 30.0;
-        let points = vec![(pixels(x), pixels(y)), (pixels(x + 20.0), pixels(y))];
-        area.draw(&PathElement::new(points.clone(), line(INK, 0.55, 3.2)))?;
-        area.draw(&PathElement::new(points, line(color, 1.0, 1.8)))?;
+        for style in [line(INK, 0.55, 3.2), line(color, 1.0, 1.8)] {
+            path(area, [[x, y], [x + 20.0, y]], style)?;
+        }
         text(area, name, [x + 26.0, y], 12.0, INK, (HPos::Left, VPos::Center))?;
         x += 40.0 + 7.0 * name.len() as f64;
     }

@@ -21,12 +21,11 @@ use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::mapping::walls::Wall;
 use foxhound_core::planning::ilqr::{Bound, Config, Guess, Outcome, Problem, Solution, Workspace};
 use foxhound_papers::filters::reflected;
-use plotters::prelude::{Circle, PathElement, RGBColor, Rectangle};
-use plotters::style::Color as _;
+use plotters::prelude::RGBColor;
 use plotters::style::text_anchor::{HPos, VPos};
 use serde::Serialize;
 
-use crate::record::sheet::{FAINT_INK, FRAME, GROUND, INK, PAPER, line, path as draw_path, pixels, text, write_svg};
+use crate::record::sheet::{FAINT_INK, FRAME, GROUND, INK, Map, PAPER, fill, line, text, write_svg};
 use crate::scenario::input::InputError;
 use crate::world::{Horizontal, from_core};
 
@@ -293,13 +292,12 @@ impl Report {
     }
 }
 
-/// Side of a map and what is around it, in points; metres along the side.
+/// Side of a map and what is around it, in points; its bounds.
 const SIDE: f64 = 420.0;
 const EDGE: f64 = 40.0;
 const GAP: f64 = 48.0;
 const TITLE: f64 = 56.0;
-const METRES: f64 = 160.0;
-const SOUTH_WEST_M: [f64; 2] = [-28.0, -40.0];
+const BOUNDS_M: [f64; 4] = [-28.0, -40.0, 132.0, 120.0];
 
 const PILLAR: RGBColor = RGBColor(75, 85, 99);
 const WALL: RGBColor = RGBColor(148, 163, 184);
@@ -314,17 +312,8 @@ impl Row {
         area: &plotters::prelude::DrawingArea<B, plotters::coord::Shift>,
         [left, top]: [f64; 2],
     ) -> crate::record::sheet::Drawn<B> {
-        let scale = SIDE / METRES;
-        let points = |place: Horizontal| {
-            let (x, y) = place.xy();
-            [left + (x - SOUTH_WEST_M[0]) * scale, top + SIDE - (y - SOUTH_WEST_M[1]) * scale]
-        };
-        let at = |place: Horizontal| {
-            let [x, y] = points(place);
-            (pixels(x), pixels(y))
-        };
-        let frame = [(pixels(left), pixels(top)), (pixels(left + SIDE), pixels(top + SIDE))];
-        area.draw(&Rectangle::new(frame, GROUND.filled()))?;
+        let map = Map::within(area, BOUNDS_M, [left, top], SIDE);
+        map.rectangle(BOUNDS_M, fill(GROUND, 1.0))?;
         let reflected = self.case == "reflected";
         let title = format!(
             "{}, T = {}: \u{39e} = {:.1} m\u{b2}",
@@ -334,27 +323,25 @@ impl Row {
         );
         text(area, &title, [left, top - 14.0], 16.0, INK, (HPos::Left, VPos::Bottom))?;
         if reflected {
-            let ends = [SOUTH_WEST_M[0], SOUTH_WEST_M[0] + METRES];
-            draw_path(area, ends.map(|x| points(Horizontal::from_xy([x, 100.0]))), line(WALL, 1.0, 3.0))?;
+            let [west, _, east, _] = BOUNDS_M;
+            map.path([west, east].map(|x| Horizontal::from_xy([x, 100.0])), line(WALL, 1.0, 3.0))?;
         }
         for ([x, y], radius_m) in OBSTACLES {
             let center = Horizontal::from_xy([f64::from(x), f64::from(y)]);
-            area.draw(&Circle::new(at(center), pixels(f64::from(radius_m) * scale), PILLAR.mix(0.85).filled()))?;
+            map.circle(center, f64::from(radius_m), fill(PILLAR, 0.85))?;
         }
         for (place, covariance) in self.path.iter().step_by(4) {
-            let ring = ellipse(*place, *covariance).map(at);
-            area.draw(&PathElement::new(ring.collect::<Vec<_>>(), line(ELLIPSE, 0.8, 0.9)))?;
+            map.path(ellipse(*place, *covariance), line(ELLIPSE, 0.8, 0.9))?;
         }
         let start = Horizontal::from_xy([0.0, 0.0]);
-        let way = std::iter::once(start).chain(self.path.iter().map(|(place, _)| *place));
-        draw_path(area, way.map(points), line(WAY, 1.0, 1.8))?;
+        map.path(std::iter::once(start).chain(self.path.iter().map(|(place, _)| *place)), line(WAY, 1.0, 1.8))?;
         for (place, color) in [(start, WAY), (from_core(GOAL), ARRIVAL), (from_core(SOURCE), BEACON)] {
-            area.draw(&Circle::new(at(place), pixels(5.4), PAPER.filled()))?;
-            area.draw(&Circle::new(at(place), pixels(4.0), color.filled()))?;
+            map.dot(place, 5.4, fill(PAPER, 1.0))?;
+            map.dot(place, 4.0, fill(color, 1.0))?;
         }
-        let beside = points(from_core(SOURCE));
+        let beside = map.points(from_core(SOURCE));
         text(area, "source", [beside[0] + 10.0, beside[1]], 12.0, FAINT_INK, (HPos::Left, VPos::Center))?;
-        area.draw(&Rectangle::new(frame, line(FRAME, 1.0, 1.0)))
+        map.rectangle(BOUNDS_M, line(FRAME, 1.0, 1.0))
     }
 }
 

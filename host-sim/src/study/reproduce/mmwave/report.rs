@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use plotters::coord::Shift;
 use plotters::drawing::DrawingArea;
-use plotters::prelude::{Circle, DrawingBackend, RGBColor};
+use plotters::prelude::{DrawingBackend, RGBColor};
 use plotters::style::text_anchor::{HPos, VPos};
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -17,7 +17,7 @@ use super::radio::Link;
 use super::scenarios::{CLASSES, PLANS, Scenario};
 use super::trial::{CYCLES_MAX, Noise, Trial};
 use crate::drive::suite::wilson_95;
-use crate::record::sheet::{Drawn, FAINT_INK, GROUND, INK, fill, line, path, pixels, text, write_svg};
+use crate::record::sheet::{Drawn, FAINT_INK, GROUND, INK, Map, fill, line, path, text, write_svg};
 use crate::scenario::input::InputError;
 use crate::study::reproduce::beside::{self, empty, judged, percent, shown};
 use crate::study::reproduce::chart::{Axis, Chart, Panel, Series};
@@ -446,34 +446,30 @@ const SEEN: RGBColor = RGBColor(30, 147, 140);
 impl Pictured {
     fn draw(&self, file: &Path) -> Result<(), InputError> {
         let [width, height] = self.plan.size_m.map(|side_m| side_m * SCALE);
-        write_svg(file, [width + 2.0 * EDGE, HEAD + height + FOOT], |area| self.draw_on(area, [width, height]))
+        write_svg(file, [width + 2.0 * EDGE, HEAD + height + FOOT], |area| self.draw_on(area))
     }
 
-    fn draw_on<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>, [width, height]: [f64; 2]) -> Drawn<B> {
-        let at = |place: &Horizontal| [EDGE + SCALE * place.east, HEAD + height - SCALE * place.north];
-        let dot = |place: &Horizontal, radius: i32, color: RGBColor| {
-            let [x, y] = at(place);
-            Circle::new((pixels(x), pixels(y)), pixels(f64::from(radius)), fill(color, 1.0))
-        };
+    fn draw_on<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
+        let [east, north] = self.plan.size_m;
+        let map = Map { area, bounds: [0.0, 0.0, east, north], corner: [EDGE, HEAD], scale: SCALE };
         let title = "Looking for a transmitter (fig. 5), noise 0.35 rad; dots: what ours has seen of the walls";
         text(area, title, [EDGE, 36.0], 16.0, INK, (HPos::Left, VPos::Center))?;
-        let frame = [(pixels(EDGE), pixels(HEAD)), (pixels(EDGE + width), pixels(HEAD + height))];
-        area.draw(&plotters::prelude::Rectangle::new(frame, fill(GROUND, 1.0)))?;
+        map.rectangle(map.bounds, fill(GROUND, 1.0))?;
         for wall in &self.plan.walls {
-            path(area, [at(&wall.from), at(&wall.to)], line(INK, 1.0, 2.0))?;
+            map.path([wall.from, wall.to], line(INK, 1.0, 2.0))?;
         }
         for point in &self.points {
-            area.draw(&dot(point, 2, SEEN))?;
+            map.dot(*point, 2.0, fill(SEEN, 1.0))?;
         }
         for (index, ((label, places), color)) in self.paths.iter().zip(PATHS).enumerate() {
-            path(area, places.iter().map(at), line(color, 1.0, 2.0))?;
-            let [x, y] = [EDGE + 190.0 * index as f64, HEAD + height + 30.0];
+            map.path(places.iter().copied(), line(color, 1.0, 2.0))?;
+            let [x, y] = [EDGE + 190.0 * index as f64, map.end()[1] + 30.0];
             path(area, [[x, y], [x + 24.0, y]], line(color, 1.0, 2.0))?;
             text(area, label, [x + 32.0, y], 13.0, FAINT_INK, (HPos::Left, VPos::Center))?;
         }
-        for (place, name) in [(&self.start, "start"), (&self.transmitter, "transmitter")] {
-            area.draw(&dot(place, 5, INK))?;
-            let [x, y] = at(place);
+        for (place, name) in [(self.start, "start"), (self.transmitter, "transmitter")] {
+            map.dot(place, 5.0, fill(INK, 1.0))?;
+            let [x, y] = map.points(place);
             text(area, name, [x + 8.0, y - 8.0], 13.0, INK, (HPos::Left, VPos::Bottom))?;
         }
         Ok(())
