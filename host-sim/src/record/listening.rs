@@ -121,7 +121,8 @@ fn short(value: f64) -> String {
     }
 }
 
-fn text(words: &str) -> String {
+/// A text that is no markup.
+pub(crate) fn text(words: &str) -> String {
     words.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use super::{REPORT, Shown, TABLE};
+use crate::record::listening::text;
 use crate::study::reproduce::{Beside, Judgement};
 use crate::study::reproduce::{Experiment, PAPERS, Settings};
 
@@ -146,11 +147,6 @@ fn duration(seconds: f64) -> String {
     }
     let whole = libm::rint(seconds) as u64;
     format!("{} min {:02} s", whole / 60, whole % 60)
-}
-
-/// A text that is no markup.
-fn text(words: &str) -> String {
-    words.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]
