@@ -35,41 +35,8 @@ const FLY_HELP: &str = "Examples:
   foxhound fly --mcap flight.mcap
   foxhound fly --live --speed 2    watch it in a browser as it flies
 
-A scenario is JSON: x east, y north, metres, seconds, degrees; every key has a default, an unknown one is an error:
-  name, bounds [x0,y0,x1,y1], drone_radius (0.15),
-  start [x,y], goal [x,y], goal_velocity [vx,vy],
-  obstacles [{x,y,r,vx,vy,turns_s: to and fro}],
-  people [{route [[x,y],...], heading_deg, track [[t,x,y],...] instead of
-    both, speed (1.67), r (0.3), sway_m, sway_s (4), stop_every_s,
-    stop_s (2), turn_every_s, turn_deg (60), group (1), group_gap (0.7),
-    steps_aside}],
-  people_csv: a file of tracks with time_s,person,x,y,
-  random {count, radius [r0,r1], gap, clear}: pillars by the seed,
-  walls [{x0,y0,x1,y1,r,reflection_db,passage_db}],
-  explore_s: how long to search for a signal,
-  sensor {fov_deg (90), range_m (3), occlusion (true), rays (72), turn_s, lag_s,
-    model circles|scan|lidar, noise_m, missed: share of its rays},
-  bearing {only (true; false: the planner knows where the beacon is),
-    model rf|noise|uudf|hci (rf where snr_db is given, else noise),
-    sigma_deg (1.86), snr_db, rate_hz (one every step; uudf, hci: 10),
-    place_bias_deg, outlier {rate, offset_deg, anywhere},
-    dropout [t0,t1], pulses {period_s, length_s}, tone_known},
-  other_beacons [{x,y,offset_hz,level_db}],
-  antenna {single, exponent, front_to_back_db, boresight_deg,
-    turn_deg_per_s},
-  wind {vx, vy, gust_mps, gust_s (2)},
-  position {noise_m, drift_m, drift_s (20)}: errors of the autopilot's,
-  limits {v_max (1.0), a_max (2.0), v_evade: faster, to give way},
-  vehicle {model point|arducopter, lag_s (0.15), autopilot arducopter|px4},
-  landing {height (3), pad [x,y], pad_radius (0.25), pad_missing,
-    camera {width, height, fov_deg, rate_hz, latency_s, grey, distractors,
-    cut [t0,t1], blind [t0,t1]} or null, range_finder, request_land},
-  goal_tolerance (0.5: the beacon is reached within this many metres),
-  max_time_s (90),
-  faults {nan_bearing [t0,t1], stale_obstacles [t0,t1], clock_back_s,
-    stale_ownship [t0,t1], dead_channels [4 of [t0,t1] or null]}
-
-`foxhound schema` prints the JSON schema for an editor; scenarios/ has examples of every kind.";
+A scenario is JSON: x east, y north, metres, seconds, degrees; every key has a default, an unknown one is an error. `foxhound schema` \
+prints all of them as a JSON schema, for an editor too; scenarios/ has examples of every kind.";
 
 #[derive(Args, Debug, Default)]
 #[command(after_help = FLY_HELP)]
