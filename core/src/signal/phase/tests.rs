@@ -45,7 +45,7 @@ fn a_clean_tone_is_as_good_as_its_twelve_bits() {
 
 #[test]
 fn blind_single_frames_reach_the_cramer_rao_bound_and_predict_their_errors() {
-    for backend in [Backend::Fixed, Backend::Microfft] {
+    for &backend in Backend::ALL {
         let extractor = Config { backend, ..open_config() }.build::<256>().unwrap();
         for bins in [4.5, 20.5, 37.0, 60.25] {
             for snr_db in [0.0, 10.0, 20.0, 40.0] {
@@ -456,7 +456,7 @@ fn whatever_comes_in_finite_numbers_come_out() {
             assert_finite(&extractor.step(&mut State::default(), &frame));
         }
     }
-    for backend in [Backend::Fixed, Backend::Microfft] {
+    for &backend in Backend::ALL {
         check::<64>(backend);
         check::<128>(backend);
         check::<256>(backend);

@@ -11,12 +11,13 @@
 //! - [`tone::Reference`], a lock-in at one frequency for the phasors ([`tone`]).
 //!
 //! Cost on a Cortex-M4F, four channels of 256 samples: see the table in [`crate::signal::phase`]. Everything here but the
-//! floating-point twin ([`Backend::Microfft`]) is integer arithmetic.
+//! floating-point twin (`Backend::Microfft`, with the feature `microfft`) is integer arithmetic.
 
 pub mod tone;
 pub mod trig;
 
 mod fft;
+#[cfg(feature = "microfft")]
 mod twin;
 
 use crate::base::adc::CHANNELS;
@@ -30,7 +31,17 @@ pub enum Backend {
     #[default]
     Fixed,
     /// The `microfft` crate in f32: the reference, and the choice for signals of more than 60 dB.
+    #[cfg(feature = "microfft")]
     Microfft,
+}
+
+impl Backend {
+    /// Every transform there is.
+    pub const ALL: &[Self] = &[
+        Self::Fixed,
+        #[cfg(feature = "microfft")]
+        Self::Microfft,
+    ];
 }
 
 /// Two channels that share a transform.
@@ -70,7 +81,7 @@ impl<const N: usize> Spectrum<N> {
         assert!(N.is_power_of_two() && N >= 64 && N <= 1024, "N is 64, 128, 256, 512 or 1024");
 
     /// Measures all channels. The mean of each channel is subtracted first. `workspace` is used by
-    /// [`Backend::Microfft`].
+    /// `Backend::Microfft`.
     pub fn measure(&mut self, backend: Backend, codes: &[[i16; N]; CHANNELS], workspace: &mut [f32; N]) {
         self.measure_pair(backend, Pair::First, codes, workspace);
         self.measure_pair(backend, Pair::Second, codes, workspace);
@@ -86,6 +97,8 @@ impl<const N: usize> Spectrum<N> {
         workspace: &mut [f32; N],
     ) {
         const { Self::LENGTH_IS_SUPPORTED };
+        #[cfg(not(feature = "microfft"))]
+        let _ = workspace;
         let [first, second] = &mut self.pairs;
         let (first_two, last_two) = self.exponents.split_at_mut(2);
         let (a, b, powers, exponents) = match pair {
@@ -94,6 +107,7 @@ impl<const N: usize> Spectrum<N> {
         };
         match backend {
             Backend::Fixed => exponents.fill(fft::pair_powers(a, b, powers)),
+            #[cfg(feature = "microfft")]
             Backend::Microfft => {
                 let (low, high) = powers.split_at_mut(N / 2);
                 exponents[0] = twin::powers(a, workspace, low.iter_mut().skip(1));
@@ -198,7 +212,7 @@ mod tests {
         let mut spectrum = Spectrum::<N>::default();
         let mut workspace = [0.0; N];
         for (index, codes) in signals::<N>().iter().enumerate() {
-            for backend in [Backend::Fixed, Backend::Microfft] {
+            for &backend in Backend::ALL {
                 spectrum.measure(backend, codes, &mut workspace);
                 for (channel, row) in codes.iter().enumerate() {
                     // Of the amplitude: units of the last place of the block, or single precision and the truncation of
@@ -208,6 +222,7 @@ mod tests {
                     let largest = truth.iter().copied().fold(1.0, f64::max).sqrt();
                     let (worst_allowed, rms_allowed) = match backend {
                         Backend::Fixed => (6.0 * unit, 1.5 * unit),
+                        #[cfg(feature = "microfft")]
                         Backend::Microfft => (6e-5 * largest, 6e-5 * largest),
                     };
                     let powers = measured(&spectrum, channel);
@@ -270,8 +285,9 @@ mod tests {
             for code in codes.as_flattened_mut() {
                 *code = (rng.uniform() * 65_536.0) as i32 as i16;
             }
-            spectrum.measure(Backend::Fixed, &codes, &mut [0.0; 128]);
-            spectrum.measure(Backend::Microfft, &codes, &mut [0.0; 128]);
+            for &backend in Backend::ALL {
+                spectrum.measure(backend, &codes, &mut [0.0; 128]);
+            }
         }
     }
 }
