@@ -103,3 +103,18 @@ fn a_vehicle_that_brakes_gently_slows_before_it_turns() {
         fly_with(&world, pillars, |config| config.guard.a_max_mps2 = a_max);
     }
 }
+
+/// With the margins that the manual asks for on a first flight, a gap in which they cannot be kept is flown around.
+#[test]
+fn with_wide_margins_it_flies_around_a_narrow_gap() {
+    for gap_m in [0.5, 0.6, 0.8] {
+        let pillar = |side: f64| json!({"x": 4.0, "y": side * (0.5 * gap_m + 0.2), "r": 0.2});
+        for autopilot in ["arducopter", "px4"] {
+            let world = json!({"limits": {"v_max": 0.5}, "vehicle": {"model": "arducopter", "autopilot": autopilot}});
+            fly_with(&world, vec![pillar(1.0), pillar(-1.0)], |config| {
+                (config.planner.margin_m, config.planner.tight_margin_m, config.guard.margin_m) = (0.5, 0.3, 0.2);
+                (config.guard.a_max_mps2, config.planner.bends) = (1.0, false);
+            });
+        }
+    }
+}

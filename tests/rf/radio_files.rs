@@ -9,7 +9,7 @@ use std::sync::mpsc::RecvTimeoutError;
 use foxhound_sim::tools::iq::{self, Frames};
 use foxhound_sim::tools::radio_array::RadioArray;
 use foxhound_sim::tools::switched::{self, Packets};
-use foxhound_tests::{assert_refused, run_json, text};
+use foxhound_tests::{assert_refused, refused, run_json, text};
 use serde_json::Value;
 
 use crate::other_radios::{Files, has, npy, number, ring};
@@ -456,10 +456,12 @@ fn listen_makes_a_page_of_a_recording_and_of_a_radio() {
     let events: Vec<Vec<u8>> = (0..24).map(|k| radio.event(1 + k % 2, 0.7, 90.0)).collect();
     std::fs::write(files.path("b.h4"), h4(&events)).unwrap();
     let page = |name: &str, array: &str, more: &[&str]| {
-        let (array, file, out) = (files.text("array.toml", array), files.path(name), files.path("page.html"));
+        let (array, file, out) =
+            (files.text("array.toml", array), files.path(name), files.path(&format!("{name}.html")));
         let all = ["listen", &text(&file), "--array", &text(&array), "--out", &text(&out), "--json"];
         let (code, summary) = run_json(&[&all[..], more].concat());
         assert_eq!(code, 0, "{summary}");
+        assert!(refused(&[&all[..], more].concat()).contains("is there already"), "{name}");
         let html = std::fs::read_to_string(&out).unwrap();
         assert!(!html.contains("<script") && !html.contains("http") && !html.contains("NaN"), "{name}");
         (summary, html)
