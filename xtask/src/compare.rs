@@ -87,7 +87,8 @@ pub(crate) fn run(old: &Path, new: Option<&Path>, commit: &str, flights: u32) ->
          is the path, with what was left to the beacon, over the shortest path where it is known, otherwise over the straight line; length\n\
          and time are means over the flights that reached the beacon with both, each with its 95 % interval. The last column\n\
          names what is worse: the 95 % interval of the mean difference, flight by flight, lies wholly on the worse side.\n\
-         By chance alone that is so for one number in 40. Some of the traps have no way to the beacon.\n\n\
+         By chance alone that is so for one number in 40. Some of the traps have no way to the beacon.\n\
+         Each build flies in its own simulator, so a change of a model shows as well.\n\n\
          | setting | flights | reached, old | new | collisions, old | new | length, old | new | new - old | time, s, old | new | |\n\
          |---|---|---|---|---|---|---|---|---|---|---|---|\n",
         answer(Command::new("git").current_dir(workspace()).args(["rev-parse", "--short", "HEAD"]))?.trim(),
