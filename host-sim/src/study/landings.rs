@@ -117,7 +117,7 @@ pub struct Row {
 /// The flights with these seeds.
 ///
 /// # Errors
-/// See [`fly`].
+/// A scenario that is refused.
 pub fn row(scene: &Scene, seeds: std::ops::Range<u64>) -> Result<Row, InputError> {
     let fly = |seed| flight::report(scene.scenario(seed)?, seed, |_| ());
     let reports: Vec<Report> = seeds.into_par_iter().map(fly).collect::<Result<_, InputError>>()?;

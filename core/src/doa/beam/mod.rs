@@ -10,7 +10,7 @@
 //!
 //! The table has as many directions as the array is sharp. The best is refined by a parabola and Newton's steps.
 //!
-//! The image of `cargo xtask flash --iq` flies by the beam of one packet's phasors; bench row `beam_36`.
+//! The image of `cargo xtask flash --iq` flies by the beam of one packet's phasors. Its bench row is `beam_36`.
 
 use core::f32::consts::TAU;
 
