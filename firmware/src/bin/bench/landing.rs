@@ -27,7 +27,7 @@ const STEPS_MAX: u32 = 6_000;
 #[inline(never)]
 pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let config = Config { has_camera: true, ..Config::default() };
-    let Ok(lander) = config.build() else { halt(format_args!("the lander does not build")) };
+    let Ok(lander) = config.build(2.0) else { halt(format_args!("the lander does not build")) };
     let (mut state, mut near, mut poses, mut worst) = (State::default(), near::State::default(), Poses::default(), 0);
     let mut place = Ned { north: -3.0, east: 0.5, down: -3.0 };
     let mut velocity = Ned::default();
