@@ -13,7 +13,7 @@
 //!    nearly as well, or fewer than two thirds of the packets are clean and unambiguous.
 //! 4. **Sigma**: `floor^2 + noise^2 / K + (misfit / 2)^2`; only the noise is divided by the number of packets.
 //!
-//! The image of `cargo xtask flash --iq` flies by bearings of single packets; bench row `cte_packet`. `docs/results/radios.md` has what
+//! The image of `cargo xtask flash --iq` flies by bearings of single packets. Their bench row is `cte_packet`. `docs/results/radios.md` has what
 //! it comes to on the recording.
 
 use core::f32::consts::{PI, TAU};

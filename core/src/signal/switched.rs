@@ -10,7 +10,7 @@
 //!    [`crate::doa::switched`] determines.
 //! 3. **Antenna**: the mean of its visits, rotated back by the offset; outliers get little weight (Cauchy's weights).
 //!
-//! Flown by the image of `cargo xtask flash --iq`; bench row `cte_packet`.
+//! Flown by the image of `cargo xtask flash --iq`. Its bench row is `cte_packet`.
 
 use core::f32::consts::{PI, TAU};
 
