@@ -141,5 +141,5 @@ fn parameters_are_read_and_set_by_name_cast_on_ardupilot_and_by_bytes_on_px4() {
     receive(&mut px4, &bytes(&wish));
     assert_eq!(read(&mut px4, "COM_OBL_RC_ACT"), Some((f32::from_bits(5), 6)));
     receive(&mut ardupilot, &bytes(&PARAM_REQUEST_LIST_DATA { target_system: 1, target_component: 0 }));
-    assert_eq!(heard_ids(&mut ardupilot), [22; 6]);
+    assert_eq!(heard_ids(&mut ardupilot), [22; 5]);
 }
