@@ -81,8 +81,9 @@ impl Support {
         let (place_ned_m, [nn, ne, ee]) = moments(&self.places);
         let (half_sum, half_difference) = (0.5 * (nn + ee), 0.5 * (nn - ee));
         let largest = half_sum + sqrt(half_difference * half_difference + ne * ne);
-        // Nothing is known beyond the farthest place: its own distance is the least spread that says so.
-        Some(SourcePosition { place_ned_m, sigma_m: sqrt(largest + self.beyond * FAR_M * FAR_M) })
+        // Where most of the places are the farthest, their spread is small, and still nothing is known beyond them.
+        let (spread_m, beyond_m) = (sqrt(largest), self.beyond * FAR_M);
+        Some(SourcePosition { place_ned_m, sigma_m: if beyond_m > spread_m { beyond_m } else { spread_m } })
     }
 }
 
