@@ -7,7 +7,9 @@ use foxhound_core::base::obstacle::Disc;
 use foxhound_core::planning::planner::{Config, PlanRequest, Verdict, Workspace};
 
 fn main() -> Result<(), ConfigError> {
-    let planner = Config::default().build(&Vehicle::default(), &RangeSensor::default(), &Fence::default(), 0.03)?;
+    let guard_margin_m = 0.03;
+    let planner =
+        Config::default().build(&Vehicle::default(), &RangeSensor::default(), &Fence::default(), guard_margin_m)?;
     // 33 KB, reused from plan to plan. Firmware has it in a static.
     let mut workspace = Box::new(Workspace::new());
     let source_ned_m = Horizontal { north: 6.0, east: 0.0 };

@@ -56,7 +56,9 @@
 //! use foxhound_core::base::obstacle::Disc;
 //! use foxhound_core::planning::planner::{Config, PlanRequest, Workspace, Verdict};
 //!
-//! let planner = Config::default().build(&Vehicle::default(), &RangeSensor::default(), &Fence::default(), 0.03)?;
+//! let guard_margin_m = 0.03;
+//! let planner =
+//!     Config::default().build(&Vehicle::default(), &RangeSensor::default(), &Fence::default(), guard_margin_m)?;
 //! let known_source_ned_m = Some(Horizontal { north: 6.0, east: 0.0 });
 //! let request = PlanRequest { known_source_ned_m, ..PlanRequest::default() };
 //! let center_ned_m = Horizontal { north: 1.0, east: 0.1 };
